@@ -12,6 +12,7 @@ from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
 from trueup.recording import Recording
+from trueup.trial import command_of
 
 _EXPLAINED = 0.5
 """Of the torques' squares, at most, that may be left: beyond that neither a scale nor a weight is seen in them."""
@@ -24,15 +25,16 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     drives that fit them best, as `motors.drives_seen` does; what is left counts over all joints, each by the torque that it
     was told. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing.
     """
-    parts = known_torques(model, recordings)
+    told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("N m", "N")]
+    parts = known_torques(model, told)
     weights = [_weight(model, part) for part in parts]
     shares = []
     for dof in range(model.compiled.nv) if parts else ():
         known = [(p, w[:, dof]) for p, w in zip(parts, weights, strict=True) if p.known[dof]]
-        told = float(sum(np.sum(np.square(p.torque[:, dof])) for p, _ in known))
-        if told > 0.0:
+        squares = float(sum(np.sum(np.square(p.torque[:, dof])) for p, _ in known))
+        if squares > 0.0:
             own, weight = [p for p, _ in known], np.concatenate([w for _, w in known])
-            shares.append([_unexplained(own, dof, added) / told for added in (0.0 * weight, weight)])
+            shares.append([_unexplained(own, dof, added) / squares for added in (0.0 * weight, weight)])
     held, without = np.mean(shares, axis=0) if shares else (0.0, 0.0)
     if not without < min(held, _EXPLAINED):
         return model

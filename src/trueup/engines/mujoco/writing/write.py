@@ -196,6 +196,7 @@ def _compare(
         for field in _SECOND if second else ():
             name = target + str(second)
             _close(name, field, read(written, "joint", name, field), read(wanted, "joint", name, field))
+    _close("bodies", "gravcomp", written.body_gravcomp, wanted.body_gravcomp)
     if needs(simulator.quantities, "floor"):
         planes = plane_of(written), plane_of(wanted)
         for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
