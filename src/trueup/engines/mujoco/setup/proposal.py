@@ -76,8 +76,7 @@ def propose(
     lines += _punches(model, servos)
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
-    if motors:
-        lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
+    lines += _of_motors(model, motors)
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
@@ -86,8 +85,6 @@ def propose(
     lines += [] if floor is None else _of_a_floor(floor)
     lines += _of_stops(stops or {})
     lines += _of_the_base(model, recordings)
-    if motors and (held := _held(model, joints)):
-        lines.append(Declaration("weight_held", held, optional=HELD))
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
 
@@ -129,11 +126,13 @@ def _of_a_floor(height: float) -> list[Declaration]:
     ]
 
 
-def _held(model: Model, joints: Sequence[str]) -> tuple[str, ...]:
-    """Named bodies of these joints, whose weight something beside the drives holds."""
+def _of_motors(model: Model, joints: Sequence[str]) -> list[Declaration]:
+    """Factors on the torques of motors at these joints, and what else holds the weight of the bodies that they move."""
     m = model.compiled
-    ids = [int(m.jnt_bodyid[model.index("joint", joint)]) for joint in joints]
-    return tuple(name for i in ids if m.body_gravcomp[i] and (name := model.names("body")[i]))
+    bodies = [int(m.jnt_bodyid[model.index("joint", joint)]) for joint in joints]
+    held = tuple(name for i in bodies if m.body_gravcomp[i] and (name := model.names("body")[i]))
+    gains = [Declaration("gain", tuple(joints), optional="factors on the motors' torques")] if joints else []
+    return gains + ([Declaration("weight_held", held, optional=HELD)] if held else [])
 
 
 def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
