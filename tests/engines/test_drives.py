@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
 from trueup.errors import ModelError, RecordingError
 from trueup.loop.calibrate import Options, calibrate
@@ -230,6 +231,7 @@ def test_a_servo_that_pulls_two_joints_has_the_delay_of_all_commands_and_a_zero(
         "position": Channel("position", ("a", "b"), "rad", time, 0.3 * np.sin(2.0 * time - 0.1)[:, None] * np.ones(2)),
     })  # fmt: skip
     simulator = prepare(path, [log]).simulator
+    assert isinstance(simulator, MujocoSimulator)
     of = {a.kind: a.targets for a in simulator.quantities}
     assert of["delay"] == of["zero"] == ("pull",)
 
