@@ -226,6 +226,7 @@ class MujocoSimulator:
             limited=needs(self.quantities, "limit"),
             stopped=needs(self.quantities, "stop"),
             floor=self._has_floor,
+            sliding=any("world.floor_friction" in a.quantity.attributes for a in self.quantities),
         )
         whole = prepare()
         shaped = needs_shapes(whole) or bool(needs(self.quantities, "shapes"))
