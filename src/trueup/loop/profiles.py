@@ -107,6 +107,9 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
     others = replace(descent, space=space, search=None)
     others.move(np.delete(descent.point, k))
+    known = descent.search.jacobian if descent.search is not None else None
+    if known is not None and known.shape == (look.problem.segments[-1].columns.stop, len(free)):
+        others.take_up(np.delete(known, k, axis=1))  # those of a place near by, corrected by what steps show
     found = others.descend(look, confirm=False)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 
