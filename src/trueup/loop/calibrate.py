@@ -99,10 +99,9 @@ def calibrate(
     free = chosen.windows is None and discrepancy is None and controllers is None
     smooth = space.without(waiting) if free else None
     problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
-    begin = led if start is None else begin
     watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
-    found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
+    found = fit(problem, space, led if start is None else start, watch, resume=resume, select=select, **_how(chosen))
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))

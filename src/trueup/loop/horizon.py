@@ -53,9 +53,8 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
     while longest / _PARTS > 2.0 * SHORTEST:
         longest /= _PARTS
         lengths.append(longest)
-    ends = np.array(
-        [alike(looked if np.isinf(s) else in_windows(looked, s), space, start, nudge=0.05) for s in lengths]
-    )
+    parts = [looked if np.isinf(length) else in_windows(looked, length) for length in lengths]
+    ends = np.array([alike(part, space, start, nudge=0.05)[0] for part in parts])
     best = int(np.argmin(losses_at(looked, space, ends)))
     return lengths[best], space.from_unit(ends[best])
 

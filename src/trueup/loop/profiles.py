@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.loop.alike import alike
 from trueup.loop.descent import Descent, Look, explained, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss
+from trueup.loop.windows import floating
 
 _REACH, _LEAST = 0.25, 0.05
 """Of a limit's range: how far along its profile is looked first, and how near it is left."""
@@ -99,7 +101,9 @@ class _Held:
 
 
 def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
-    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box."""
+    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box: those of what
+    stands on a floor by itself kind by kind.
+    """
     free = [p.name for p in descent.space.parameters if not p.frozen]
     if len(free) == 1:
         return _Held(place, np.array([place]), np.inf)
@@ -107,9 +111,9 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
     others = replace(descent, space=space, search=None)
     others.move(np.delete(descent.point, k))
-    known = descent.search.jacobian if descent.search is not None else None
-    if known is not None and known.shape == (look.problem.segments[-1].columns.stop, len(free)):
-        others.take_up(np.delete(known, k, axis=1))  # those of a place near by, corrected by what steps show
+    if floating(look.problem):  # a search of each drive's own for each place would take most of the time
+        point, loss = alike(look.problem, space, others.point, descent.robust)
+        return _Held(place, np.insert(point, k, place), loss)
     found = others.descend(look, confirm=False)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 
