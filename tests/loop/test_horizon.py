@@ -88,16 +88,16 @@ def test_parameters_of_one_kind_are_one_quantity_at_several_places() -> None:
 
 def test_drives_that_are_wrong_alike_are_found_at_the_cost_of_one() -> None:
     problem = turned((20.4, 20.4))
-    found, _ = alike(problem, space(("speed", "speed")), np.array([0.5, 0.5]))
+    found = alike(problem, space(("speed", "speed")), np.array([0.5, 0.5]))
     assert space(("speed", "speed")).from_unit(found) == pytest.approx([20.4, 20.4], rel=1e-3)
     assert problem.simulator.rows[0] == 2  # where it begins, and one step beside it
     apart, two = turned((20.4, 19.6), ("fast", "slow")), space(("fast", "slow"))
-    assert two.from_unit(alike(apart, two, np.array([0.5, 0.5]))[0]) == pytest.approx([20.4, 19.6], rel=1e-3)
+    assert two.from_unit(alike(apart, two, np.array([0.5, 0.5]))) == pytest.approx([20.4, 19.6], rel=1e-3)
 
 
 def test_what_long_replays_hide_is_found_in_the_windows_that_lead_lowest() -> None:
     problem, told = turned((24.0, 24.0)), space(("speed", "speed"))
-    whole = told.from_unit(alike(problem, told, np.array([0.5, 0.5]))[0])
+    whole = told.from_unit(alike(problem, told, np.array([0.5, 0.5])))
     assert abs(whole[0] - 24.0) > 1.0  # 16 rad off at the end: slopes lead to the next turn
     length, found = horizon(problem, told, told.nominal)
     assert length < 1.0

@@ -21,11 +21,9 @@ from trueup.search.least_squares import LeastSquares
 _LOOSELY = 5.0  # times chance: what one kind gains less is for each of its own
 
 
-def alike(
-    problem: Problem, space: ParameterSpace, start: Array, robust: float = 3.0, nudge: float = 0.0
-) -> tuple[Array, float]:
+def alike(problem: Problem, space: ParameterSpace, start: Array, robust: float = 3.0, nudge: float = 0.0) -> Array:
     """(n_free,) where least squares lead from `start` in the unit box, all parameters of a kind moved by the same share of
-    their ranges, and the loss there.
+    their ranges. `nudge`: how far kinds on a bound are moved inside first.
     """
     kinds, free = space.kinds, [p for p in space.parameters if not p.frozen]
     begun = np.bincount(kinds, start) / np.bincount(kinds)
@@ -42,8 +40,7 @@ def alike(
     while not search.done:
         asked = search.ask()
         search.tell(asked, problem.residuals(space.from_unit(points(asked))))
-    means, loss = search.best
-    return points(means), loss
+    return points(search.best[0])
 
 
 def all_alike(run: Run) -> None:
@@ -51,7 +48,7 @@ def all_alike(run: Run) -> None:
     descent, look = run.descent, run.coarse
     if run.begun or run.looks or run.resumed or run.saved is not None or not floating(run.problem):
         return
-    point, _ = alike(look, descent.space, run.start, descent.robust)
+    point = alike(look, descent.space, run.start, descent.robust)
     residual = look.residuals(descent.space.from_unit(point[None]))[0]
     descent.watch.saw("all alike", look, float(0.5 * residual @ residual), look.rmse(residual))
     descent.restart(point)

@@ -54,7 +54,7 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
         longest /= _PARTS
         lengths.append(longest)
     parts = [looked if np.isinf(length) else in_windows(looked, length) for length in lengths]
-    ends = np.array([alike(part, space, start, nudge=0.05)[0] for part in parts])
+    ends = np.array([alike(part, space, start, nudge=0.05) for part in parts])
     best = int(np.argmin(losses_at(looked, space, ends)))
     return lengths[best], space.from_unit(ends[best])
 
