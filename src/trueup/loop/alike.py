@@ -21,16 +21,18 @@ from trueup.search.least_squares import LeastSquares
 _LOOSELY = 5.0  # times chance: what one kind gains less is for each of its own
 
 
-def alike(problem: Problem, space: ParameterSpace, start: Array, robust: float = 3.0, nudge: float = 0.0) -> Array:
+def alike(problem: Problem, space: ParameterSpace, start: Array, robust: float = 3.0) -> Array:
     """(n_free,) where least squares lead from `start` in the unit box, all parameters of a kind moved by the same share of
-    their ranges. `nudge`: how far kinds on a bound are moved inside first.
+    their ranges; where it begins if that cannot be simulated.
     """
+    if not np.isfinite(problem.residuals(space.from_unit(start[None]))).all():
+        return start
     kinds, free = space.kinds, [p for p in space.parameters if not p.frozen]
     begun = np.bincount(kinds, start) / np.bincount(kinds)
     first = [free[int(np.argmax(kinds == k))] for k in range(len(begun))]
     ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in first])
     search = LeastSquares(
-        begun, ranges, robust=robust, nudge=nudge, least_damping=HELD, share=3e-2, tolerance=_LOOSELY, max_iterations=15,
+        begun, ranges, robust=robust, nudge=0.0, least_damping=HELD, share=3e-2, tolerance=_LOOSELY, max_iterations=15,
         confirm=False, worth=lambda residual: problem.chance(residual) * len(begun),
     )  # fmt: skip
 
@@ -45,11 +47,10 @@ def alike(problem: Problem, space: ParameterSpace, start: Array, robust: float =
 
 def all_alike(run: Run) -> None:
     """The first search of what stands on a floor by itself: kind by kind."""
-    descent, look = run.descent, run.coarse
+    descent, look = run.descent, run.first
     if run.begun or run.looks or run.resumed or run.saved is not None or not floating(run.problem):
         return
     point = alike(look, descent.space, run.start, descent.robust)
     residual = look.residuals(descent.space.from_unit(point[None]))[0]
     descent.watch.saw("all alike", look, float(0.5 * residual @ residual), look.rmse(residual))
     descent.restart(point)
-    run.begun = True

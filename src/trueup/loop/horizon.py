@@ -29,7 +29,7 @@ def cut_for_search(
         return begun, values, wanted, _words(begun, "", "")
     lasting, smooth = window_length(problem, values), smooth_length(problem, values, space, seed)
     reason = _reason(problem)
-    if np.isinf(min(lasting, smooth)) and floating(problem):
+    if np.isinf(min(lasting, smooth)) and floating(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
     begun = in_windows(problem, min(lasting, smooth))
@@ -54,7 +54,7 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
         longest /= _PARTS
         lengths.append(longest)
     parts = [looked if np.isinf(length) else in_windows(looked, length) for length in lengths]
-    ends = np.array([alike(part, space, start, nudge=0.05) for part in parts])
+    ends = np.array([alike(part, space, start) for part in parts])
     best = int(np.argmin(losses_at(looked, space, ends)))
     return lengths[best], space.from_unit(ends[best])
 
