@@ -266,8 +266,8 @@ class LeastSquares:
         if loss < self.best[1]:
             self._lowest = point, loss, residual
         negligible = self._negligible(loss, residual)
-        # One short step may be bad luck in a bent valley; two with new slopes, all between them short too, are the bottom.
-        self._short = 0 if abs(fallen) >= negligible else self._short + self._fresh
+        # One short step may be bad luck in a bent valley; two in a row, with new slopes in between, are the bottom.
+        self._short = self._short + 1 if abs(fallen) < negligible and self._fresh else 0
         if self._short >= 2:
             self._done = "converged: the last steps changed almost nothing"
         elif left < negligible and not self.confirm and loss <= self.best[1]:
