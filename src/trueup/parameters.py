@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trueup.arrays import Array, Mask
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ParameterError, unknown_name
 from trueup.rounding import TINY
 
@@ -116,6 +116,13 @@ class ParameterSpace:
     def free(self) -> Mask:
         """(n,) True where the search may change the value."""
         return np.array([not p.frozen for p in self.parameters], dtype=bool)
+
+    @property
+    def kinds(self) -> Integers:
+        """(n_free,) numbers of the kinds that the free parameters are of: one quantity at several places, by their names."""
+        kinds = [(p.name.rpartition(".")[2], p.unit, p.scale) for p in self.parameters if not p.frozen]
+        numbers = {kind: k for k, kind in enumerate(dict.fromkeys(kinds))}
+        return np.array([numbers[kind] for kind in kinds], dtype=np.int64)
 
     def index(self, name: str) -> int:
         """The position of a parameter. Raises UnknownNameError, which lists the names."""

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.floor import reach_of
-from trueup.engines.mujoco.writing.write import write_model
+from trueup.engines.mujoco.writing.write import simulated_model, write_model
 from trueup.errors import UnknownNameError
 from trueup.inspection.floor import stopped_by_floor
 from trueup.loop.calibrate import Options, calibrate
@@ -141,3 +142,43 @@ def test_a_model_that_has_a_floor_keeps_its_own(tmp_path: Path) -> None:
     assert isinstance(simulator, MujocoSimulator)
     write_model(simulator, found.values, tmp_path / "found.xml")
     assert 'name="table"' in (tmp_path / "found.xml").read_text(encoding="utf-8")
+
+
+_PUCK = """
+<mujoco model="puck">
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="9 9 0.1" friction="0.8" solref="0.01 1"/>
+    <body name="puck" pos="0 0 0.02">
+      <freejoint/>
+      <geom name="foot" type="box" size="0.1 0.1 0.02" mass="1" friction="{friction} 0.02 0.01" condim="4" {priority}/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def _slowed(model: mujoco.MjModel) -> float:
+    """Deceleration in units of gravity of what slides over the floor at 2 m/s."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 200)
+    data.qvel[0] = 2.0
+    mujoco.mj_step(model, data, 100)
+    return float((2.0 - data.qvel[0]) / (100 * model.opt.timestep * 9.81))
+
+
+@pytest.mark.parametrize(("friction", "priority"), [(0.8, ""), (1.2, ""), (0.6, 'priority="1"')])
+@pytest.mark.parametrize("floor", [0.3, 0.7])
+def test_the_friction_of_a_floor_counts_against_that_of_the_feet(
+    tmp_path: Path, friction: float, priority: str, floor: float
+) -> None:
+    (tmp_path / "puck.xml").write_text(_PUCK.format(friction=friction, priority=priority), encoding="utf-8")
+    model = load(tmp_path / "puck.xml")
+    space, quantities = declare(model, [Declaration("floor_friction")])
+    assert space.nominal == pytest.approx([_slowed(model.compiled)], rel=0.1)  # what rules as the model came
+    simulator = MujocoSimulator(model, space, quantities, step=0.001)
+    kept = simulated_model(simulator, space.nominal)
+    assert _slowed(kept) == pytest.approx(_slowed(model.compiled), rel=1e-3)
+    assert _slowed(simulated_model(simulator, [floor])) == pytest.approx(floor, rel=0.1)
+    write_model(simulator, [floor], tmp_path / "found.xml")
+    assert _slowed(mujoco.MjModel.from_xml_path(str(tmp_path / "found.xml"))) == pytest.approx(floor, rel=0.1)

@@ -14,10 +14,11 @@ from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.descent import Fit, Watch
 from trueup.loop.fit import fit
+from trueup.loop.horizon import cut_for_search
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import unit_covariance
-from trueup.loop.windows import cut_for_search, in_windows, smooth_length, window_length
+from trueup.loop.windows import in_windows, smooth_length, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -229,7 +230,7 @@ def test_windows_of_a_free_base_end_where_replays_bend_with_parameters() -> None
     assert bent / 3.0 < smooth(Bending()) < 1.1 * bent / 3.0
     assert smooth(Bending(rate=1.0)) == np.inf
     assert smooth(Bending(channel="position")) == np.inf  # a base that is not free
-    cut, lasting, (said,) = cut_for_search(bending(Bending()), SPACE.nominal, SPACE, np.inf, seed=0)
+    cut, _, lasting, (said,) = cut_for_search(bending(Bending()), SPACE.nominal, SPACE, np.inf, seed=0)
     assert cut.windowed
     assert lasting == np.inf
     assert said.endswith("shown whole")

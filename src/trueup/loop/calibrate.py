@@ -23,6 +23,7 @@ from trueup.loop.checks import check
 from trueup.loop.chooser import Chooser
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
+from trueup.loop.horizon import cut_for_search
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.limits import Seen, is_limit, limits_seen
 from trueup.loop.missing import Missing, missing, unasked_by
@@ -34,7 +35,6 @@ from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
-from trueup.loop.windows import cut_for_search
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
@@ -98,10 +98,10 @@ def calibrate(
     begin = space.without(waiting).nominal if start is None else start
     free = chosen.windows is None and discrepancy is None and controllers is None
     smooth = space.without(waiting) if free else None
-    problem, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
+    problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
     watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
-    found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
+    found = fit(problem, space, led if start is None else start, watch, resume=resume, select=select, **_how(chosen))
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))

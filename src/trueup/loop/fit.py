@@ -12,6 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
+from trueup.loop.alike import all_alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
@@ -63,6 +64,7 @@ _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolu
 _AGAIN = Stage("asked again", asked_again)
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
 _GROWTH_APART = Stage("growth joint by joint", growth_apart)
+_ALIKE = Stage("all alike", all_alike)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
@@ -73,11 +75,11 @@ _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("pr
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
+    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
     _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
+DESCENT = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
 """Nothing but where slopes lead."""
 REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
@@ -116,7 +118,7 @@ def fit(
         waiting = {}
     waiting = {structure: declared for structure, declared in waiting.items() if declared}
     point = np.clip(space.to_unit(start), 0.0, 1.0)
-    coarse = _coarse(problem, space, point, begun)
+    coarse = coarsest(problem, space, point, begun)
     descent = Descent(space, point, watch, robust, solver=solver)
     run = Run(
         problem,
@@ -169,7 +171,7 @@ def _first(coarse: Problem) -> Problem:
     return coarse.shortened(first) if long > 2.0 * first else coarse
 
 
-def _coarse(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None) -> Problem:
+def coarsest(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None = None) -> Problem:
     """The problem at the coarsest step that tells nearly the same residuals at the start, approximated where that does; as an
     earlier fit has had it.
     """

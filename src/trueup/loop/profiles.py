@@ -19,6 +19,7 @@ from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss
+from trueup.loop.windows import floating
 
 _REACH, _LEAST = 0.25, 0.05
 """Of a limit's range: how far along its profile is looked first, and how near it is left."""
@@ -31,9 +32,12 @@ def profiles(run: Run) -> None:
     Slopes along a delay are those of a stair's tread, and rates, limits and damping make up for the one at which a search
     over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere while
     gains are wrong. Not where so much was recorded that joints are searched alone: every place would cost the engine minutes.
-    Nor in windows: what is not replayed there is mostly noise at their starts, and replays that short are smooth.
+    Nor in windows: what is not replayed there is mostly noise at their starts, and replays that short are smooth. Nor where
+    feet touch: all that is searched has cracks there, and a quadruped's profiles took most of the time and led nowhere.
     """
-    if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None or run.problem.windowed:
+    if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
+        return
+    if run.problem.windowed or floating(run.problem):
         return
     free = [p for p in run.descent.space.parameters if not p.frozen]
     for k, p in enumerate(free if len(free) > 1 else ()):
@@ -107,6 +111,9 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
     others = replace(descent, space=space, search=None)
     others.move(np.delete(descent.point, k))
+    known = descent.search.jacobian if descent.search is not None else None
+    if known is not None and known.shape == (look.problem.segments[-1].columns.stop, len(free)):
+        others.take_up(np.delete(known, k, axis=1))  # those of a place near by, corrected by what steps show
     found = others.descend(look, confirm=False)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long replays may be that begin at measured instants, and recordings cut into windows of that length."""
+"""How long replays may be that begin at measured instants, and recordings cut into windows of some length."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
 
-_GROWN = 5.0
+GROWN = 5.0
 """Times an error at the start of a window may grow in it."""
-_LOUD = 20.0
+LOUD = 20.0
 """Times the noise that an error at the start of a window may come to in it. Of ten drawn torque arms (`torque_arms`) windows
 that end at 5, 20, 80 times leave friction, damping and inertia of joints that move off by 7, 0.6, 12 % (root mean square).
 """
 
-_SKILLED = 1.0 / 3.0
+SKILLED = 1.0 / 3.0
 """Of the time for which replays have skill. A UR10 that begins with 3.4 s of it is 60 mrad off in what was left out, half a
 second at a time; calibrated in windows of 1, 1.1, 1.8 s: 52, 52, 99; in 2.4, 3.2, 4.8 s, by slopes: 64, 160, 248.
 """
@@ -39,23 +39,8 @@ _OFF = 0.03
 """Of their boxes, by which parameters are changed for that: gains by a quarter, as files are often off."""
 
 
-def cut_for_search(
-    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int
-) -> tuple[Problem, float, list[str]]:
-    """The problem in windows of `wanted` s, or with a `space` in such as a search along its free parameters takes at values
-    (n,); how long they may be for replays from measured starts to last, which is how they are shown; and both in words.
-    """
-    lasting = wanted if space is None else window_length(problem, values)
-    smooth = np.inf if space is None else smooth_length(problem, values, space, seed)
-    begun = in_windows(problem, min(lasting, smooth))
-    shown = (
-        "" if lasting <= smooth else "; shown whole" if np.isinf(lasting) else f"; shown in windows of {lasting:.2g} s"
-    )
-    return begun, lasting, _words(begun, measured=space is not None, shown=shown)
-
-
 def window_length(problem: Problem, values: Array) -> float:
-    """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to `_LOUD` times the
+    """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to `LOUD` times the
     noise of what is measured at most, and a third of the time in which torques lead less astray than standing still.
     Inf where all lasts.
 
@@ -75,11 +60,11 @@ def window_length(problem: Problem, values: Array) -> float:
     ends = [np.inf, np.inf]
     # Of long recordings the parts show enough: what grows too slowly for them is no chaos.
     for length in (longest / parts, longest) if problem.duration <= WORTH else (longest / parts,):
-        reached = _reached(in_windows(problem, length), values, skill=_by_torque(problem))
+        reached = _reached(in_windows(problem, length), values, skill=by_torque(problem))
         ends = [end if np.isfinite(end) else new for end, new in zip(ends, reached, strict=True)]
         if np.isfinite(ends[0]):
             break
-    return min(ends[0], _SKILLED * ends[1])
+    return min(ends[0], SKILLED * ends[1])
 
 
 def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: int) -> float:
@@ -91,7 +76,7 @@ def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: 
     relative curvature of D. M. Bates and D. G. Watts (J. R. Statist. Soc. B 42(1), 1980), along directions drawn at random.
     """
     pairs, parts = 4, 4  # as in `window_length`, the parts of long recordings show enough
-    if not _free(problem) or any(t.command is None for t in problem.trials):
+    if not floating(problem) or any(t.command is None for t in problem.trials):
         return np.inf
     middle = np.clip(space.to_unit(values), _OFF, 1.0 - _OFF)
     off = _OFF * np.random.default_rng(seed).choice([-1.0, 1.0], (pairs, len(middle)))
@@ -103,7 +88,7 @@ def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: 
         level, more, less = residuals[0], residuals[1 : pairs + 1], residuals[pairs + 1 :]
         turns, stays = 0.5 * (more - less), 0.5 * (more + less) - level
         end = min(end, _lasting([_bending(begun, k, turns, stays) for k in range(len(begun.trials))]))
-    return _SKILLED * end
+    return SKILLED * end
 
 
 def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[Array, Array]:
@@ -123,11 +108,13 @@ def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[
     return time - problem.trials[trial].start, bent
 
 
-def _free(problem: Problem) -> bool:
+def floating(problem: Problem) -> bool:
+    """Whether a free base was tracked in all that is replayed."""
     return all(set(BASE) & set(t.observed) for t in problem.trials)
 
 
-def _by_torque(problem: Problem) -> bool:
+def by_torque(problem: Problem) -> bool:
+    """Whether drives are told torques or forces in all that is replayed."""
     return all(t.command is not None and t.command.unit in ("N m", "N") for t in problem.trials)
 
 
@@ -143,26 +130,6 @@ def in_windows(problem: Problem, length: float) -> Problem:
     if len(parts) == len(problem.trials):
         return problem
     return problem.replayed_by([part for part, _ in parts], [owner for _, owner in parts])
-
-
-def _words(problem: Problem, *, measured: bool, shown: str) -> list[str]:
-    """A sentence on the windows that recordings are replayed in, with the reason where they were `measured`, and how they are
-    `shown` if otherwise; none where they are replayed whole.
-    """
-    if not problem.windowed:
-        return []
-    longest = max(t.duration for t in problem.trials)
-    reason = f": in that time errors at their start grow {_GROWN:g} times, or to {_LOUD:g} times the noise"
-    if _by_torque(problem):
-        reason += (
-            f", or they take {_SKILLED:.2g} of the time in which replays from the start values beat standing still"
-        )
-    if _free(problem):
-        reason += f", or they take {_SKILLED:.2g} of the time after which replays bend too much with what is searched"
-    return [
-        f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
-        f"then{reason if measured else ''}{shown}"
-    ]
 
 
 def _cut(trial: Trial, length: float, period: float) -> list[Trial]:
@@ -216,7 +183,7 @@ def _lasting(curves: Sequence[tuple[Array, Array]]) -> float:
 
 def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
     """(T,) s since its start and ln of how many times further apart than allowed two runs of a trial are then; both empty
-    where they are one. Allowed is `_GROWN` times as far as they began, and `_LOUD` times the noise.
+    where they are one. Allowed is `GROWN` times as far as they began, and `LOUD` times the noise.
     """
     time, seen = _series(problem, trial, change)
     if not len(time) or not np.isfinite(seen).all() or not np.any(seen):
@@ -225,7 +192,7 @@ def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
     until = (time - time[0]) ** 2
     first, last = place[0] + until * pace[0], place + until * pace
     with np.errstate(over="ignore"):  # runs that begin as one are endlessly further apart
-        too_far = np.maximum(last / np.maximum(first * _GROWN**2, TINY), place / (seen.shape[1] * _LOUD**2))
+        too_far = np.maximum(last / np.maximum(first * GROWN**2, TINY), place / (seen.shape[1] * LOUD**2))
     return time - problem.trials[trial].start, 0.5 * np.log(np.maximum(too_far, TINY))
 
 

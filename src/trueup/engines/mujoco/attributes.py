@@ -14,7 +14,7 @@ from trueup.arrays import Array
 from trueup.articulated.inertia import from_principal, principal
 from trueup.engines.mujoco import gears
 from trueup.engines.mujoco.fields import Fields, FromNominal
-from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, plane_of, turned
+from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, contact_with, plane_of, turned
 from trueup.errors import unknown_name
 
 _JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -239,10 +239,16 @@ def _torque(m: mujoco.MjModel, actuator: int) -> float:
     return float(m.actuator_gear[actuator, 0] * m.actuator_gainprm[actuator, 0]) if is_motor(m, actuator) else 0.0
 
 
-def _floor(field: str, column: int, otherwise: float) -> _Access:
-    """The plane that the model stands on, or what a floor would start with that it lacks."""
-    whole = _field(field, column)
-    return _Access(lambda a, i: whole.read(a, i) if i >= 0 else np.array([otherwise]), whole.write)
+_HEIGHT, _SLIDING = _field("geom_pos", 2), _field("geom_friction", 0)
+
+
+def _read_floor_height(a: MujocoAttributes, i: int) -> Array:
+    return _HEIGHT.read(a, i) if i >= 0 else np.zeros(1)
+
+
+def _read_floor_friction(a: MujocoAttributes, i: int) -> Array:
+    """Of what stands on the floor, whichever of both friction is; or what a floor would start with that the model lacks."""
+    return np.array([contact_with(a.model, i).friction[0] if i >= 0 else FLOOR_FRICTION])
 
 
 def _write_floor_tilt(a: MujocoAttributes, i: int, values: Array) -> None:
@@ -287,7 +293,7 @@ _ACCESS: Mapping[str, _Access] = {
     "geom.touches": _only(lambda m, i: float(m.geom_contype[i] or m.geom_conaffinity[i])),
     "world.step": _Access(lambda a, i: np.array([a.model.opt.timestep])),
     "world.gravity": _Access(lambda a, i: np.array(a.fields.expand("opt.gravity")), _write_gravity),
-    "world.floor_height": _floor("geom_pos", 2, 0.0),
+    "world.floor_height": _Access(_read_floor_height, _HEIGHT.write),
     "world.floor_tilt": _Access(lambda a, i: np.array(a.relative.get(_TILT, np.zeros((1, 2)))), _write_floor_tilt),
-    "world.floor_friction": _floor("geom_friction", 0, FLOOR_FRICTION),
+    "world.floor_friction": _Access(_read_floor_friction, _SLIDING.write),
 }

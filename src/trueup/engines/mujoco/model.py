@@ -15,7 +15,7 @@ from trueup import files
 from trueup.arrays import Array
 from trueup.engines.mujoco.attributes import OBJECTS, MujocoAttributes, is_position_servo
 from trueup.engines.mujoco.fields import SingleModel
-from trueup.engines.mujoco.floor_plane import add_floor, plane_of
+from trueup.engines.mujoco.floor_plane import add_floor, plane_of, rule
 from trueup.engines.mujoco.gears import add_second
 from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
@@ -186,14 +186,14 @@ def _check_placed(file: Path, compiled: mujoco.MjModel) -> None:
 
 def prepared(
     model: Model, *, step: float, second: Mapping[str, Sequence[str]] | None = None, limited: Sequence[str] = (),
-    stopped: Sequence[str] = (), held: bool = False, floor: bool = False, bare: bool = False,
+    stopped: Sequence[str] = (), held: bool = False, floor: bool = False, sliding: bool = False, bare: bool = False,
 ) -> mujoco.MjModel:  # fmt: skip
     """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each gap or gear.
 
     `step` in s; `second` are joints, by SECOND, that get a second one '<name>/slack' with a range of its own (MuJoCo's
     documented way to model backlash) or a spring; `limited` actuators get a force range, `stopped` joints a range; where
-    weight may be `held` MuJoCo is made to look for it; `floor` adds a plane to a model without one. `bare` leaves out all
-    shapes, for simulations in which nothing touches.
+    weight may be `held` MuJoCo is made to look for it; `floor` adds a plane to a model without one, `sliding` has its
+    friction count against that of the feet. `bare` leaves out all shapes, for simulations in which nothing touches.
     """
     spec = model.spec.copy()
     spec.option.timestep = step
@@ -215,6 +215,8 @@ def prepared(
             add_second(spec, name, kind, float(model.get("joint.inertia", name)[0]))
     if floor and plane_of(model.compiled) < 0:
         add_floor(spec)
+    elif sliding:
+        rule(spec, model.compiled)
     for name in limited:
         actuator = spec.actuator(name)
         if actuator.forcelimited != mujoco.mjtLimited.mjLIMITED_TRUE and not np.any(actuator.forcerange):

@@ -227,6 +227,7 @@ class MujocoSimulator:
             stopped=needs(self.quantities, "stop"),
             held=bool(needs(self.quantities, "held")),
             floor=self._has_floor,
+            sliding=any("world.floor_friction" in a.quantity.attributes for a in self.quantities),
         )
         whole = prepare()
         shaped = needs_shapes(whole) or bool(needs(self.quantities, "shapes"))

@@ -212,6 +212,8 @@ class Edits:
         m, g = self._wanted, plane_of(self._wanted)
         name = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_GEOM, g) or ""
         lies = {"pos": numbers(m.geom_pos[g]), "quat": numbers(m.geom_quat[g]), "friction": numbers(m.geom_friction[g])}
+        rules = {"priority": str(m.geom_priority[g]), "condim": str(m.geom_condim[g]),
+                 "solref": numbers(m.geom_solref[g]), "solimp": numbers(m.geom_solimp[g])}  # fmt: skip
         if plane_of(self._shipped) < 0:
             new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
                    "contype": "1", "conaffinity": "1", **lies}  # fmt: skip
@@ -220,7 +222,8 @@ class Edits:
         elif not name:
             raise ModelError("the floor of this model is a plane without a name; give it one to have it calibrated")
         elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
-            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **lies})
+            new = {**lies, **{k: v for k, v in rules.items() if not self._same("geom", name, f"geom_{k}")}}
+            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **new})
 
     def copied(self, family: str, field: str, attribute: str, name: str) -> None:
         """A field of MuJoCo's that an attribute of the element holds as it is."""

@@ -48,6 +48,17 @@ _FIELDS = {
     "geom.softness": ("geom_solref",),
 }  # fmt: skip
 """Fields that must be the same in the written file, by the attribute that was calibrated."""
+_FLOOR = (
+    "geom_pos",
+    "geom_quat",
+    "geom_friction",
+    "geom_priority",
+    "geom_condim",
+    "geom_solref",
+    "geom_solimp",
+    "geom_contype",
+    "geom_conaffinity",
+)
 _SECOND = (
     "jnt_range",
     "jnt_stiffness",
@@ -199,7 +210,7 @@ def _compare(
     _close("bodies", "gravcomp", written.body_gravcomp, wanted.body_gravcomp)
     if needs(simulator.quantities, "floor"):
         planes = plane_of(written), plane_of(wanted)
-        for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
+        for field in _FLOOR:
             there, here = (np.atleast_1d(getattr(m, field)[g]) for m, g in zip((written, wanted), planes, strict=True))
             _close("floor", field, there, here)
     for actuator, seconds in delays.items():

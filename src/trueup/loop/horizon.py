@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long the replays are that are searched: whole, or windows in which errors at the start do not grow and slopes lead."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.loop.alike import alike
+from trueup.loop.elsewhere import losses_at
+from trueup.loop.fit import coarsest
+from trueup.loop.problem import WORTH, Problem
+from trueup.loop.shoot import SHORTEST
+from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, floating, in_windows, smooth_length, window_length
+from trueup.parameters import ParameterSpace
+
+_PARTS = 4  # of each window, for the next shorter ones: half as long they lead to nearly the same place
+
+
+def cut_for_search(
+    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int
+) -> tuple[Problem, Array, float, list[str]]:
+    """The problem in windows of `wanted` s, or with a `space` in such as a search along its free parameters takes at values
+    (n,); from which values (n,) to search it; how long windows may be for replays from measured starts to last, which is how
+    they are shown; and both in words.
+    """
+    if space is None:
+        begun = in_windows(problem, wanted)
+        return begun, values, wanted, _words(begun, "", "")
+    lasting, smooth = window_length(problem, values), smooth_length(problem, values, space, seed)
+    reason = _reason(problem)
+    if np.isinf(min(lasting, smooth)) and floating(problem) and space.free.any():
+        smooth, values = horizon(problem, space, values)
+        reason = ": of several lengths this one led to where whole recordings are replayed best"
+    begun = in_windows(problem, min(lasting, smooth))
+    shown = (
+        "" if lasting <= smooth else "; shown whole" if np.isinf(lasting) else f"; shown in windows of {lasting:.2g} s"
+    )
+    return begun, values, lasting, _words(begun, reason, shown)
+
+
+def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[float, Array]:
+    """How long windows are in s that lead lowest from `values` (n,), and where (n,); inf where it is whole replays.
+
+    Windows of several lengths are searched, kind by kind, and judged by what whole replays make of where they lead: what
+    contacts make of parameters grows rougher the longer it lasts, and shorter replays tell less (A. H. Ribeiro et al., On
+    the smoothness of nonlinear system identification, Automatica 121, 2020).
+    """
+    start = np.clip(space.to_unit(values), 0.0, 1.0)
+    looked = coarsest(problem.shortened(WORTH / len(problem.trials)), space, start)
+    longest = max(t.duration for t in looked.trials)
+    lengths = [np.inf]
+    while longest / _PARTS > 2.0 * SHORTEST:
+        longest /= _PARTS
+        lengths.append(longest)
+    parts = [looked if np.isinf(length) else in_windows(looked, length) for length in lengths]
+    ends = np.array([alike(part, space, start) for part in parts])
+    best = int(np.argmin(losses_at(looked, space, ends)))
+    return lengths[best], space.from_unit(ends[best])
+
+
+def _reason(problem: Problem) -> str:
+    """Why windows are as long as errors at their start and slopes allow."""
+    reason = f": in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"
+    if by_torque(problem):
+        reason += f", or they take {SKILLED:.2g} of the time in which replays from the start values beat standing still"
+    if floating(problem):
+        reason += f", or they take {SKILLED:.2g} of the time after which replays bend too much with what is searched"
+    return reason
+
+
+def _words(problem: Problem, reason: str, shown: str) -> list[str]:
+    """A sentence on the windows that recordings are replayed in, with the `reason` for their length, and how they are `shown`
+    if otherwise; none where they are replayed whole.
+    """
+    if not problem.windowed:
+        return []
+    longest = max(t.duration for t in problem.trials)
+    return [
+        f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
+        f"then{reason}{shown}"
+    ]

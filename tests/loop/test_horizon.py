@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What stands on a floor by itself is searched kind by kind first, in replays as long as lead lowest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.discrepancies.discrepancy import measured_at
+from trueup.engines.simulator import Rollout
+from trueup.instant import at_instant
+from trueup.loop.alike import alike
+from trueup.loop.horizon import horizon
+from trueup.loop.problem import Problem
+from trueup.parameters import Parameter, ParameterSpace
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+SIGMA, STEP = 0.01, 0.02
+TIME = np.arange(0.0, 4.0, STEP)
+POINTERS = ("left", "right")
+
+
+@dataclass
+class Turning:
+    """Two pointers that turn steadily from where they were seen, known by the places of their tips."""
+
+    parameters: ParameterSpace
+    step: float = STEP
+    rows: list[int] = field(default_factory=list)
+    """Candidates of each call."""
+
+    def at_step(self, step: float) -> Turning:
+        return self
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        return ("base_position",)
+
+    def rollout(self, trials: Sequence[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        self.rows.append(len(values))
+        done = []
+        for trial in trials:
+            begun = at_instant(trial.initial["base_position"], None, trial.start).value
+            time = trial.observed["base_position"].time - trial.start
+            angles = np.arctan2(begun[1::2], begun[::2]) + values[:, None, :] * time[:, None]
+            done.append(Rollout(trial, {"base_position": tips(angles)}, {}))
+        return done
+
+
+class ByNoise:
+    def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
+        return np.full(len(labels), SIGMA)
+
+    def residual(self, real: Recording, simulated: Rollout) -> Array:
+        ((channel, seen),) = simulated.channels.items()
+        own = simulated.trial.observed[channel]
+        return ((seen - measured_at(real, channel, own.labels, own.time)) / SIGMA).reshape(len(seen), -1)
+
+
+def tips(angles: Array) -> Array:
+    """(..., 4) of angles (..., 2)."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(*angles.shape[:-1], 4)
+
+
+def space(kinds: Sequence[str]) -> ParameterSpace:
+    """A speed for each pointer, 20 rad/s by what was shipped."""
+    pairs = zip(POINTERS, kinds, strict=True)
+    return ParameterSpace(tuple(Parameter(f"{n}.{kind}", "rad/s", 20.0, 10.0, 40.0, scale="log") for n, kind in pairs))
+
+
+def turned(speeds: tuple[float, float], kinds: Sequence[str] = ("speed", "speed")) -> Problem:
+    """Four seconds of pointers that turn with these speeds."""
+    seen = tips(np.array(speeds) * TIME[:, None]) + np.random.default_rng(0).normal(0.0, SIGMA, (len(TIME), 4))
+    channel = Channel("base_position", ("lx", "ly", "rx", "ry"), "m", TIME, seen)
+    return Problem(Turning(space(kinds)), [Recording("turns", {channel.name: channel})], ByNoise())  # type: ignore[arg-type]
+
+
+def test_parameters_of_one_kind_are_one_quantity_at_several_places() -> None:
+    names = ("fl.kp", "fl.kv", "fr.kp", "delay", "trunk.mass")
+    every = ParameterSpace(tuple(Parameter(n, "", 1.0, 0.5, 2.0, frozen=n == "fl.kv") for n in names))
+    assert every.kinds.tolist() == [0, 0, 1, 2]
+
+
+def test_drives_that_are_wrong_alike_are_found_at_the_cost_of_one() -> None:
+    problem = turned((20.4, 20.4))
+    found = alike(problem, space(("speed", "speed")), np.array([0.5, 0.5]))
+    assert space(("speed", "speed")).from_unit(found) == pytest.approx([20.4, 20.4], rel=1e-3)
+    assert isinstance(problem.simulator, Turning)
+    assert problem.simulator.rows[:2] == [1, 2]  # where it begins, and one step beside it
+    apart, two = turned((20.4, 19.6), ("fast", "slow")), space(("fast", "slow"))
+    assert two.from_unit(alike(apart, two, np.array([0.5, 0.5]))) == pytest.approx([20.4, 19.6], rel=1e-3)
+
+
+def test_what_long_replays_hide_is_found_in_the_windows_that_lead_lowest() -> None:
+    problem, told = turned((24.0, 24.0)), space(("speed", "speed"))
+    whole = told.from_unit(alike(problem, told, np.array([0.5, 0.5])))
+    assert abs(whole[0] - 24.0) > 1.0  # 16 rad off at the end: slopes lead to the next turn
+    length, found = horizon(problem, told, told.nominal)
+    assert length < 1.0
+    assert found == pytest.approx([24.0, 24.0], rel=0.01)
