@@ -69,18 +69,16 @@ class Edits:
 
     def gravity(self) -> None:
         """The direction of gravity."""
-        if np.allclose(self._wanted.opt.gravity, self._shipped.opt.gravity, rtol=NEGLIGIBLE, atol=0.0):
-            return
-        self._text.set_last("option", "gravity", numbers(self._wanted.opt.gravity))
+        if not np.allclose(self._wanted.opt.gravity, self._shipped.opt.gravity, rtol=NEGLIGIBLE, atol=0.0):
+            self._text.set_last("option", "gravity", numbers(self._wanted.opt.gravity))
 
     def weightless(self) -> None:
         """Bodies whose weight something else holds; the text has them in the model's order, with names or without."""
         changed = np.flatnonzero(np.abs(self._wanted.body_gravcomp - self._shipped.body_gravcomp) > NEGLIGIBLE)
-        bodies = self._text.all("body") if len(changed) else []
-        if len(changed) and len(bodies) != self._shipped.nbody - 1:
+        if len(changed) and len(self._text.all("body")) != self._shipped.nbody - 1:
             raise ModelError("its bodies are not all written out, so that none can be told to be without weight")
         for i in changed:
-            self._text.change(bodies[i - 1], gravcomp=number(self._wanted.body_gravcomp[i]))
+            self._text.change(self._text.all("body")[i - 1], gravcomp=number(self._wanted.body_gravcomp[i]))
 
     def gains(self, given_for: Mapping[str, float]) -> None:
         """For which setting of its servos the file holds, where recordings name several."""
@@ -90,9 +88,8 @@ class Edits:
             if there:
                 self._text.change(there[-1], data=number(value))
             else:
-                self._text.insert_first(
-                    self._text.root, f'<custom><numeric name="{name}" data="{number(value)}"/></custom>'
-                )
+                numeric = f'<numeric name="{name}" data="{number(value)}"/>'
+                self._text.insert_first(self._text.root, f"<custom>{numeric}</custom>")
 
     def kp(self, actuator: str) -> None:
         """Gain and bias of an actuator, by the attributes that its tag has."""
