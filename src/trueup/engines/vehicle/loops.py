@@ -19,7 +19,6 @@ from trueup.engines.vehicle.kernels import (
     HEADING_NOISE,
     LAGGED,
     LATENCY,
-    POSE_AHEAD,
     POSE_TURN,
     POSITION_NOISE,
     SPEED,
@@ -32,6 +31,7 @@ from trueup.engines.vehicle.kernels import (
     share_of,
     step_actuators,
     step_chassis,
+    tracked_ahead,
 )  # fmt: skip
 from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.tracking.channels import READ
@@ -40,8 +40,9 @@ from trueup.tracking.channels import READ
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep(p: Array, s: Array, out: Array) -> None:
     """What would be measured in a state: out (READ,), see `tracking.channels`."""
-    out[0] = s[X] + p[POSE_AHEAD] * math.cos(s[HEADING])
-    out[1] = s[Y] + p[POSE_AHEAD] * math.sin(s[HEADING])
+    ahead = tracked_ahead(p)
+    out[0] = s[X] + ahead * math.cos(s[HEADING])
+    out[1] = s[Y] + ahead * math.sin(s[HEADING])
     out[2] = s[HEADING] - p[POSE_TURN]
     out[3], out[4] = s[SPEED], s[TURNING]
 
