@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.formats import read
 from trueup.inspection import inspect
+from trueup.model_files.joint_names import joint_names
 from trueup.recording import Channel, Recording
 from trueup.tracking.commands import driven_by
 from trueup.tracking.heading import course, heading_of
@@ -194,6 +195,29 @@ def test_a_curvature_is_the_angle_with_which_a_car_of_its_wheelbase_drives_it() 
     driven = driven_by(told, 0.4)
     assert driven.column("steering") == pytest.approx(np.arctan(0.2))
     assert driven.units == ("m/s", "rad")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "t,q1_cmd,q2_cmd,q1,q2,base_v_cmd,base_w_cmd,base_x,base_y,base_theta",
+        "time,arm_lift_joint_command,arm_elbow_joint_command,arm_lift_joint_position,arm_elbow_joint_position,"
+        "cmd_vel_x,cmd_vel_theta,odom_x,odom_y,odom_yaw",
+    ],
+)
+def test_an_arm_on_a_robot_of_which_a_vehicles_file_is_given_does_not_drive_it(names: str, tmp_path: Path) -> None:
+    """Without the file the log is the arm's."""
+    t, speed, turn, x, y, heading, _ = drive()
+    table = np.stack([t, *(np.sin(t + k) for k in range(4)), speed, turn, x, y, heading], axis=1)
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    (robot,) = read(tmp_path / "log.csv", joints=joint_names(tmp_path / "base.toml"))
+    assert robot.channel("command").labels == ("speed", "turn")
+    assert np.allclose(robot.channel("command").values, np.stack([speed, turn], axis=1))
+    assert np.allclose(robot.channel("position").values, np.stack([x, y], axis=1))
+    assert np.allclose(robot.channel("heading").values[:, 0], heading)
+    (arm,) = read(tmp_path / "log.csv", joints=joint_names(tmp_path / "arm.urdf"))
+    assert "speed" not in arm.channel("command").labels
+    assert len(arm.channel("position").labels) >= 2
 
 
 def test_a_walking_robot_with_commanded_speeds_is_no_vehicle(tmp_path: Path) -> None:

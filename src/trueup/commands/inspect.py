@@ -61,17 +61,17 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     joints = joint_names(args.model) if args.model is not None else ()
     recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None, joints=joints)
     said += other
-    if args.model is not None:
-        said += _unknown(recordings, args.model) if mapping is not None else []
+    of_joints = args.model if joints is not None else None  # a vehicle has none to be named
+    said += _unknown(recordings, of_joints) if of_joints is not None and mapping is not None else []
     shown, doubts = _seen_by(args.model, recordings) if args.model is not None else (recordings, ())
     said += [*doubts, *on_other_clocks(shown)]
     found = [inspect(r) for r in shown]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths, joints), args.rate)
-        if args.model is not None:
-            guess, more = _renamed(guess, recordings, _drives_of(args.model))
-            guess, sensors = _with_sensors(guess, recordings, args.model)
+        if of_joints is not None:
+            guess, more = _renamed(guess, recordings, _drives_of(of_joints))
+            guess, sensors = _with_sensors(guess, recordings, of_joints)
             said += more + sensors
         said += _others(recordings, target)
         guess.save(target)
@@ -103,7 +103,7 @@ def _read(
     told: Console,
     *,
     named: bool,
-    joints: Sequence[str],
+    joints: Sequence[str] | None,
 ) -> tuple[list[Recording], list[str]]:
     """The recordings and notes; where nothing but the time of the samples is missing or wrong, the guess is kept for the
     user to fill in.

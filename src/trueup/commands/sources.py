@@ -51,7 +51,12 @@ def mapping_for(named: str | None) -> tuple[Path | None, list[str]]:
 
 
 def recordings_in(
-    paths: Sequence[Path], mapping: Mapped, told: Console | None = None, *, named: bool, joints: Sequence[str] = ()
+    paths: Sequence[Path],
+    mapping: Mapped,
+    told: Console | None = None,
+    *,
+    named: bool,
+    joints: Sequence[str] | None = (),
 ) -> tuple[list[Recording], list[str]]:
     """The recordings in files, and notes. A mapping that was found rather than `named` is not used for files of which it
     names no column: theirs are guessed, `joints` by their exact names. What takes a while is shown on `told`.
@@ -121,7 +126,7 @@ def split(
     recordings: Sequence[Recording],
     hold_out: Sequence[str],
     mapped: Callable[[Sequence[Path]], Mapped],
-    joints: Sequence[str] = (),
+    joints: Sequence[str] | None = (),
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths; of a
     share in percent the ends of those that are fitted. `mapped` says how further paths are read.

@@ -22,7 +22,9 @@ _SLOWEST, _FASTEST = 1e-3, 1e6
 Paths = str | Path | Sequence[str | Path]
 
 
-def read(source: Paths, mapping: ChannelMap | str | Path | None = None, joints: Sequence[str] = ()) -> list[Recording]:
+def read(
+    source: Paths, mapping: ChannelMap | str | Path | None = None, joints: Sequence[str] | None = ()
+) -> list[Recording]:
     """The recordings in files and folders, in SI units.
 
     A file is one recording. A folder is one recording if its files complement each other (commands in one, states in
@@ -30,7 +32,8 @@ def read(source: Paths, mapping: ChannelMap | str | Path | None = None, joints: 
     bag is one recording. Files of one name have their folders' in theirs. `mapping` (or the TOML file that holds it)
     says how columns become channels; without it that is guessed, and provenance['guesses'] says what was not sure.
     provenance['warnings'] says what was left out. `joints`: those of the robot's model, whose exact names mean nothing
-    else then (an arm's "base_yaw").
+    else then (an arm's "base_yaw"); None for a vehicle's, which has none: what else a log holds, of an arm that rides
+    on it, is not what drives it.
 
     Raises FormatError (naming file, line, column and value) for unsound files, MappingError where mapping and file do
     not fit, MissingExtraError where reading needs a package that is not installed.
@@ -54,7 +57,7 @@ def write(recording: Recording, path: str | Path) -> None:
     parquet.write(recording, Path(path))
 
 
-def guess_mapping(source: Paths, joints: Sequence[str] = ()) -> ChannelMap:
+def guess_mapping(source: Paths, joints: Sequence[str] | None = ()) -> ChannelMap:
     """The mapping that `read` would guess for the first recording in `source`; its `notes` say what is not sure.
 
     Raises FormatError for unsound files, and MappingError where there is nothing to guess from.
@@ -90,7 +93,7 @@ def _found(source: Paths, mapping: ChannelMap | None) -> list[Source]:
     return sources(paths, together=together)
 
 
-def _recording(found: Source, mapping: ChannelMap | None, how: str, joints: Sequence[str]) -> Recording:
+def _recording(found: Source, mapping: ChannelMap | None, how: str, joints: Sequence[str] | None) -> Recording:
     if found.recording is not None:
         names = dict(mapping.joints) if mapping is not None else {}
         present = {label for channel in found.recording.channels.values() for label in channel.labels}

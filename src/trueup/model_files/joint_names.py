@@ -9,13 +9,17 @@ from trueup.errors import ModelError
 from trueup.model_files.urdf import parsed
 
 _XML = (".xml", ".mjcf", ".urdf")
+_VEHICLE = ".toml"
 
 
-def joint_names(path: str | Path) -> tuple[str, ...]:
-    """Joints of an MJCF (with the files that it includes) or a URDF, without those that are fixed; () for other files.
+def joint_names(path: str | Path) -> tuple[str, ...] | None:
+    """Joints of an MJCF (with the files that it includes) or a URDF, without those that are fixed; None of a vehicle's TOML
+    file, which has none; () for other files.
 
     Nothing is raised: whoever loads the model says what is wrong with it.
     """
+    if Path(path).suffix.lower() == _VEHICLE:
+        return None
     return tuple(dict.fromkeys(_names(Path(path), Path(path).parent, frozenset())))
 
 

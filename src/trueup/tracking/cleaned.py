@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array, Mask
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import PRINTED
 from trueup.samples import wrapped
 from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
+from trueup.tracking.joined import end_to_end, joined, sudden, told
 from trueup.tracking.place import fresh, place_of, tells_place
 from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 
@@ -43,11 +45,12 @@ def cleaned(
     turn rates. Where a vehicle that is simulated forward only (not `backs`) backs off is left out. What was taken out is
     said in the provenance's warnings. Raises RecordingError without pose or command.
     """
-    position, heading, good, notes = _tracked(recording)
+    position, heading, good, jumps, notes = _tracked(recording)
     lost = float(np.mean(~good))
     if lost:
         notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
     if heading is None:
+        notes += told(position, jumps)
         heading = turned_with(position, recording.channel("yaw_rate"), good) if recording.has("yaw_rate") else None
         source = "the direction of motion stands" if heading is None else "turn rate and direction of motion stand"
         notes.append(f"no heading was recorded: {source} for it")
@@ -55,7 +58,9 @@ def cleaned(
         good &= np.isfinite(heading.values[:, 0])
     else:
         heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
-        notes += turned
+        every = sorted({*jumps, *sudden(position, heading, good)})
+        position, heading = joined(position, heading, every)
+        notes += [*turned, *told(position, every)]
         back = backing(position, heading, good) & (not backs)
         good &= ~back
         share = f"{100 * float(back.mean()):.1f} % of the poses are of driving backwards and were left out"
@@ -74,14 +79,16 @@ def heading_senses(recordings: Sequence[Recording]) -> dict[Source, Sense]:
     for recording in recordings:
         if not (recording.has("position") and tells_place(recording.channel("position")) and told_by(recording)):
             continue
-        position, heading, good, _ = _tracked(recording)
+        position, heading, good, _, _ = _tracked(recording)
         if heading is not None:
             drives.setdefault(heading_source(recording), []).append(Moves.of(position, heading, good))
     return {source: Sense.of(moves) for source, moves in drives.items() if len(moves) > 1}
 
 
-def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[str]]:
-    """Position, the heading as recorded at the same times, (T,) which of both are believed, and notes."""
+def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[tuple[int, int]], list[str]]:
+    """Position, the heading as recorded at the same times, (T,) which of both are believed, the rows between which these
+    jump, and notes. Places go on where they jump; whether they do so turned, the heading's sense must tell first.
+    """
     position, heading, notes = place_of(recording)
     heading = heading or heading_of(recording)
     position, heading = fresh(position), heading and fresh(heading)
@@ -89,7 +96,9 @@ def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[
         len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > PRINTED
     ):
         heading = heading.replace(time=position.time, values=_turned(heading, position.time))
-    return position, heading, _of_the_car(recording, position, heading), notes
+    good, jumps = _of_the_car(recording, position, heading)
+    believed = position.replace(values=np.where(good[:, None], position.values, np.nan))
+    return end_to_end(believed, jumps), heading, good, jumps, notes
 
 
 def _turned(heading: Channel, times: Array) -> Array:
@@ -99,14 +108,14 @@ def _turned(heading: Channel, times: Array) -> Array:
     return whole.at(times)
 
 
-def _of_the_car(recording: Recording, position: Channel, heading: Channel | None) -> Mask:
-    """(T,) which poses are believed."""
+def _of_the_car(recording: Recording, position: Channel, heading: Channel | None) -> tuple[Mask, list[tuple[int, int]]]:
+    """(T,) which poses are believed, and the rows between which these jump: the last before, the first behind."""
     angle = heading.values[:, 0] if heading is not None else np.zeros(len(position.time))
     known = np.isfinite(position.values).all(axis=1) & np.isfinite(angle)
     rows = np.flatnonzero(known)
     good = np.zeros(len(known), dtype=bool)
     if len(rows) < 10:
-        return good
+        return good, []
     time, points = position.time[rows], position.values[rows]
     noise, fastest = _usual_motion(time, points)
     pieces = _pieces(time, points, angle[rows], noise, fastest)
@@ -115,7 +124,10 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
         believed = _following(time, points, pieces, noise, fastest)
     for start, stop in believed:
         good[rows[start:stop]] = True
-    return good
+    ends = [(stop - 1, start) for (_, stop), (start, _) in pairwise(believed)]
+    usual = usual_step(time)
+    apart = [e for e in ends if _jumps(time[[*e]], points[[*e]], angle[rows[[*e]]], noise, fastest, usual)[0]]
+    return good, [(int(rows[last]), int(rows[first])) for last, first in apart]
 
 
 def usual_speed(position: Channel) -> float:
@@ -146,14 +158,19 @@ def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
 
 def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: float) -> list[tuple[int, int]]:
     """Where the pose goes on without a jump; pieces of fewer than 10 samples, or 0.2 s, are left out."""
-    gaps = np.diff(time)
-    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    turn = np.abs(wrapped(np.diff(angle)))
-    usual = float(np.median(gaps))
-    jump = (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
+    usual = usual_step(time)
+    jump = _jumps(time, points, angle, noise, fastest, usual)
     edges = [0, *(np.flatnonzero(jump) + 1).tolist(), len(time)]
     least = min(10, max(2, round(0.2 / max(usual, 1e-3))))
     return [(a, b) for a, b in pairwise(edges) if b - a >= least]
+
+
+def _jumps(time: Array, points: Array, angle: Array, noise: float, fastest: float, usual: float) -> Mask:
+    """(T - 1,) from which pose to the next nothing drives or turns; `usual` is the step in s from one to the next."""
+    gaps = np.diff(time)
+    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    turn = np.abs(wrapped(np.diff(angle)))
+    return (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
 
 
 def _agreeing(

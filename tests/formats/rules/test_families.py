@@ -72,4 +72,5 @@ def test_the_joints_of_a_model_are_read_from_its_text(tmp_path: Path) -> None:
     )
     assert joint_names(tmp_path / "arm.xml") == ("base_yaw", "elbow")
     assert joint_names(tmp_path / "arm.urdf") == ("base_yaw",)
-    assert joint_names(tmp_path / "car.toml") == ()
+    assert joint_names(tmp_path / "car.toml") is None
+    assert joint_names(tmp_path / "arm.json") == ()

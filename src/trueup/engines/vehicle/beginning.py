@@ -21,6 +21,7 @@ from trueup.engines.vehicle.kernels import (
     LAGGED,
     LASTS,
     MAX_STEERING,
+    POSE_LEFT,
     POSE_TURN,
     PUSH,
     PUSH_LASTS,
@@ -181,9 +182,15 @@ def beyond_model(p: Array, moments: Array, bent: float, forward: float, s: Array
 def place(p: Array, pose: Array, s: Array) -> None:
     """The pose of the model where that of the tracked point is `pose` (x, y, heading, ...)."""
     s[HEADING] = pose[2] + p[POSE_TURN]
-    ahead = tracked_ahead(p)
-    s[X] = pose[0] - ahead * math.cos(s[HEADING])
-    s[Y] = pose[1] - ahead * math.sin(s[HEADING])
+    ahead, aside, c, d = tracked_ahead(p), p[POSE_LEFT], math.cos(s[HEADING]), math.sin(s[HEADING])
+    s[X] = pose[0] - ahead * c + aside * d
+    s[Y] = pose[1] - ahead * d - aside * c
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def forward_speed(p: Array, pose: Array) -> float:
+    """The speed of the middle of the vehicle, a point of which goes as `pose` says: inside of curves that is slower."""
+    return pose[3] + p[POSE_LEFT] * pose[4]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -207,14 +214,14 @@ def under_commands(
     """
     back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
     commanded, tracked, rested = log_begin
-    unknown = back < commanded and not rested and (seen[tracked, 3] > MOVES or p[TURNS] > 0.0)
+    unknown = back < commanded and not rested and (forward_speed(p, seen[tracked]) > MOVES or p[TURNS] > 0.0)
     s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
     for k in range(back, first):
         if unknown and k == tracked:
-            as_it_turns(p, seen[k, 3], seen[k, 4], s)
+            as_it_turns(p, forward_speed(p, seen[k]), seen[k, 4], s)
         advance(p, dt, commands, k, shares, s)
     if unknown and first == tracked:
-        as_it_turns(p, seen[first, 3], seen[first, 4], s)
+        as_it_turns(p, forward_speed(p, seen[first]), seen[first, 4], s)
     return unknown and first == tracked
 
 
@@ -233,9 +240,9 @@ def over_the_past(
         step_chassis(p, dt, s)
         speed = as_tracked(k, 0.5 * (speed + s[SPEED]), ring, sums)
         if k + 1 >= max(compared, first + lag):
-            compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - speed)
+            compare_speed(moments, dt, resistance(p, s), forward_speed(p, seen[k + 1]) - speed)
         if k + 1 >= compared:
-            more = more_bent(p, seen[k + 1, 4], seen[k + 1, 3], s)
+            more = more_bent(p, seen[k + 1, 4], forward_speed(p, seen[k + 1]), s)
             if not math.isnan(more):
                 bent += share * (more - bent)
                 seconds += dt
@@ -266,11 +273,11 @@ def begin(
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
     else:
         turned = under_commands(p, dt, commands, seen, first, settle, log_begin, shares, s)
-    moments, forward = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0]), seen[k0, 3]
+    moments, forward = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0]), forward_speed(p, seen[k0])
     if past > 0 and not turned:
         s[ANGLE] = steered(p, s[WHEEL])
     if past > 0 and not rested:
-        s[SPEED], s[TURNING] = seen[first, 3], seen[first, 4]
+        s[SPEED], s[TURNING] = forward_speed(p, seen[first]), seen[first, 4]
     compared = log_begin[1] if rested else first
     bent, driven = over_the_past(p, dt, commands, seen, first, k0, compared, lag, shares, moments, s)
     if driven > max(LASTS / 2.0, past * dt / 2.0):  # a car that stands shows nothing

@@ -20,7 +20,7 @@ COLUMNS = (
     "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
     "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
     "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency", "speed_gain", "braking_limit",
-    "turns", "rear_compliance", "slip_relaxation", "veer", "pose_at",
+    "turns", "rear_compliance", "slip_relaxation", "veer", "pose_left", "pose_at",
 )  # fmt: skip
 """The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, which its
 wheels have at once; with `speed_gain` they are speeds that a controller of the vehicle pursues, `drive` (m/s) for a command
@@ -33,8 +33,8 @@ reciprocal) its wheels roll where they point. What else is absent is written as 
     SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
     FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
     TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY, SPEED_GAIN, BRAKING_LIMIT,
-    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_AT,
-) = range(47)  # fmt: skip
+    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_LEFT, POSE_AT,
+) = range(48)  # fmt: skip
 
 STATE = 15
 (

@@ -19,6 +19,7 @@ from trueup.engines.vehicle.kernels import (
     HEADING_NOISE,
     LAGGED,
     LATENCY,
+    POSE_LEFT,
     POSE_TURN,
     POSITION_NOISE,
     SPEED,
@@ -40,9 +41,9 @@ from trueup.tracking.channels import READ
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep(p: Array, s: Array, out: Array) -> None:
     """What would be measured in a state: out (READ,), see `tracking.channels`."""
-    ahead = tracked_ahead(p)
-    out[0] = s[X] + ahead * math.cos(s[HEADING])
-    out[1] = s[Y] + ahead * math.sin(s[HEADING])
+    ahead, aside, c, d = tracked_ahead(p), p[POSE_LEFT], math.cos(s[HEADING]), math.sin(s[HEADING])
+    out[0] = s[X] + ahead * c - aside * d
+    out[1] = s[Y] + ahead * d + aside * c
     out[2] = s[HEADING] - p[POSE_TURN]
     out[3], out[4] = s[SPEED], s[TURNING]
 

@@ -126,6 +126,8 @@ _IN_CURVES = (
     _usual("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES, grows=2),
     _usual("pose_at", "", 0.5, -3.0, 3.0, "linear", "where the tracked point is: 0 over the rear axle, 1 over the front axle",
            "tight curves"),
+    Quantity("pose_left", "m", 0.0, 0.0, -1.0, 1.0, "linear", "tracked point to the left of the middle",
+             "tight curves to both sides", grows=1, optional="tracked point aside"),
     _usual("push_lasts", "", 0.5, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
            "long drives", free=False),
     _usual("trim_lasts", "", 0.6, 0.0, 1.0, "linear", "share of an unexplained wheel angle just before that goes on",

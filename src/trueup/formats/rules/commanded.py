@@ -27,14 +27,17 @@ def commanded(
     heading: Sequence[Signal],
     time: TimeColumn,
     paired: Sequence[Pair] = (),
+    *,
+    joints_ride: bool = False,
 ) -> tuple[dict[str, Signal], tuple[str, ...]]:
     """What drives it, by label, and what to say of that; nothing where this is no vehicle.
 
-    `paired`: what is there of two driven wheels, which tell where it is as a place does.
+    `paired`: what is there of two driven wheels, which tell where it is as a place does. `joints_ride`: joints are those of
+    an arm on the vehicle; else a log that has any is of no vehicle that is told by its place alone.
     """
     kinds = {kind: [s for s in signals if s.kind == kind] for kind in _DRIVING}
     told = {kind: [s for s in each if s.commanded] for kind, each in kinds.items()}
-    place = () if _has_joints(signals, columns) else place
+    place = () if _has_joints(signals, columns) and not joints_ride else place
     steering, throttle = _steering(kinds, told, alone=bool(place)), best(kinds["throttle"])
     speed, turn, said = best(told["speed"]) or best(told["erpm"]), best(told["yaw_rate"]), ()
     asked = any(COMMANDED & set(c.parts.words) for c in columns) or any(p.commanded for p in paired)

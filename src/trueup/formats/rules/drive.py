@@ -31,19 +31,20 @@ _MANY_TURNS = 50.0
 """rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
 
 
-def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
+def drive(columns: Sequence[Column], time: TimeColumn, *, vehicle: bool = False) -> list[Part]:
     """The channels of a vehicle (command, position, heading, speed, yaw_rate) in a log; none where it is of something else.
 
     A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
     turn rate, or by the speeds of a left and a right wheel; or nothing but where something is on the plane and heads, as a
-    tracker alone logs it. Units that nobody says are those of which numbers speak, else SI.
+    tracker alone logs it. Units that nobody says are those of which numbers speak, else SI. What is known to be of a
+    `vehicle` has joints of an arm on it at most.
     """
     paired = wheels.pairs(columns)
     of_wheels = {column for pair in paired for column in pair.columns}
     others = [column for column in columns if column not in of_wheels]
     signals = [signal for column in others if (signal := vehicles.read(column)) is not None]
     place, heading, seen = list(_place(signals).values()), _heading(signals), wiring.measured(paired)
-    command, said = commanded(signals, others, place, heading, time, paired)
+    command, said = commanded(signals, others, place, heading, time, paired, joints_ride=vehicle)
     if not command:
         told = wiring.commanded(paired, place, heading, time)
         if told is None and place:

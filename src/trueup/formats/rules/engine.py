@@ -39,10 +39,10 @@ _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
 """Kinds that a vehicle's log has under its own names: what is left of them there is no joint's."""
 
 
-def guess(tables: Sequence[Table], known: Sequence[str] = ()) -> ChannelMap:
+def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelMap:
     """A mapping for these tables (files or topics of one recording), with notes on what is not sure.
 
-    `known`: joints of the model that the log is of, whose exact names mean nothing else.
+    `known`: joints of the model that the log is of, whose exact names mean nothing else; None where that is a vehicle.
     Raises MappingError, saying what was found, where no column but time holds numbers.
     """
     clocks = find_clocks(tables)
@@ -50,8 +50,8 @@ def guess(tables: Sequence[Table], known: Sequence[str] = ()) -> ChannelMap:
     if not columns:
         found = "; ".join(f"{t.name}: {listing(t.columns)}" for t in tables)
         raise MappingError(f"no column but time holds numbers, so there is no channel; found {found}")
-    named = joints_in(columns, known, several=len(tables) > 1)
-    parts = drive([c for c in columns if c not in named or not known], clocks.main)
+    named = joints_in(columns, known or (), several=len(tables) > 1)
+    parts = drive([c for c in columns if c not in named or not known], clocks.main, vehicle=known is None)
     used = {column for part in parts for column in part.columns}
     left = [c for c in columns if c not in used]
     proposals = _proposals(left, named, driven=bool(parts), several=len(tables) > 1)

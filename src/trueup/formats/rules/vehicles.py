@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.rules.names import COMMANDED, listed, words
+from trueup.formats.rules.names import COMMANDED, PLAINLY_MEASURED, listed, words
 from trueup.formats.rules.rule import Column, Example, Rule
 from trueup.units import canonical, to_si
 
@@ -93,9 +93,13 @@ RULES = (
     Rule(
         "heading",
         "heading, yaw, theta, psi, hdg, azimuth, orientation, orientation yaw, euler yaw, rpy yaw, rotation yaw, rot yaw, "
-        "orientation theta, compass, compass heading, bearing, course, course over, th, rz, rotz, euler z, gierwinkel",
+        "orientation theta, compass, compass heading, bearing, course, course over, th, rz, rotz, euler z, gierwinkel, phi",
         (Example("t,throttle,steer,COG_deg,SOG_kmh", "0 0 0 350 36|.1 1 0 355 36|.2 1 0 2 40|.3 1 0 5 40",
                  "command[] throttle steering; heading[rad] heading; speed[m/s] speed"),
+         Example("t,phi,theta,psi,throttle,steer,x,y", "0 0 0 1 0 0 1 2|.1 0 0 2 1 0 1 2|.2 0 .1 3 1 0 2 2",
+                 "command[] throttle steering; position[m] x y; heading[rad] heading; phi[] phi; theta[] theta"),
+         Example("t,v_soll,w_soll,x_ist,y_ist,phi_ist", "0 0 0 1 2 0|.1 1 0 1 2 0|.2 1 1 2 2 .1",
+                 "command[] speed turn; position[m] x y; heading[rad] heading"),
          Example("t,throttle,steer,compass", "0 0 0 350|.1 1 0 355|.2 1 0 2|.3 1 0 5",
                  "command[] throttle steering; heading[rad] heading"),),
         unit="rad",
@@ -137,14 +141,18 @@ _CORES: Mapping[frozenset[str], str] = MappingProxyType(
 )
 
 _ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick rc")
-_WHOSE = _ASKED | listed(
-    "pos position pose loc vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart truck "
-    "world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder measured meas "
-    "actual real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation "
-    "sent norm normalized angle ratio value percentage data msg feedback fb stamped twist vesc sensors sensor core "
-    "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
-    "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
-    "field location ned rb rigid ego agent hero player actuator actuators"
+_WHOSE = (
+    _ASKED
+    | PLAINLY_MEASURED
+    | listed(
+        "pos position pose loc vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart "
+        "truck world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder "
+        "real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation "
+        "sent norm normalized angle ratio value percentage data msg stamped twist vesc sensors sensor core "
+        "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
+        "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
+        "field location ned rb rigid ego agent hero player actuator actuators"
+    )
 )
 _IF_ASKED: Mapping[frozenset[str], str] = MappingProxyType(
     {frozenset(["ang"]): "yaw_rate", frozenset(["rot"]): "yaw_rate"}
@@ -160,6 +168,8 @@ _OF_SOMETHING_ELSE = listed(
     "path plan lookahead landmark target goal marker error"
 )
 """Parts of a topic's name below which nothing is the vehicle's own."""
+_EULER = MappingProxyType({"theta": 0.3, "phi": 0.6})
+"""Letters of a heading that are pitch and roll beside psi; what they add to a rank, where each source takes one."""
 _OF_AN_IMU = frozenset(("imu", "acc", "accel", "acceleration", "gyro", "mag"))
 _ACCELERATIONS = frozenset(["accel", "acceleration", "acc"])
 """What drives a vehicle where it is commanded."""
@@ -187,7 +197,7 @@ class Signal:
     factor: float | None
     """What one of its numbers is in SI, as its name says; None where it does not."""
     commanded: bool
-    rank: int
+    rank: float
     """Lower is to be trusted more, among those of one kind."""
     source: frozenset[str]
     """The words that say where it comes from."""
@@ -213,6 +223,8 @@ def read(column: Column) -> Signal | None:
         rank = 0 if _OF_WHEELS & there else 1
     elif kind in ("steering", "angle", "curvature", "throttle"):
         rank = (0 if commanded else 1) + 2 * (kind == "steering" and "servo" in plain)
+    elif kind == "heading":
+        rank += max((share for word, share in _EULER.items() if word in plain), default=0.0)
     rank += 0 if named else len(RULES)  # behind all whose whole name is known
     return Signal(column, kind, factor, commanded, rank, frozenset(there & _WHOSE - {"long"}))
 

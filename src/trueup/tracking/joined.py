@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One way of a drive whose pose was told in several frames: odometry that was reset, a localisation that was set right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from trueup.arrays import Array, Integers, Mask
+from trueup.recording import Channel
+from trueup.samples import wrapped
+
+_SEEN = 0.25  # s on each side of a jump that tell where the vehicle was: about a straight line, over noise of samples
+_LEAST = 0.03  # m: a jump of less is none
+_HARDEST = 10.0  # m/s^2: nothing on wheels speeds up, brakes or turns aside harder, by the friction of tyres
+_TIMES = 8.0  # a step that is as many times further from its neighbours than is usual is a jump
+_BESIDE = 4  # steps before and behind one that show how the vehicle moves
+
+
+def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, int]]:
+    """The good rows between which the pose jumps by more than the motion around allows: the last before, the first behind.
+
+    In the vehicle's own frame, in which curves do not show. One sample that is off and back again is no jump.
+    """
+    rows = np.flatnonzero(good)
+    if len(rows) <= 2 * _BESIDE + 1:
+        return []
+    time, points, angle = position.time[rows], position.values[rows], np.unwrap(heading.values[rows, 0])
+    gaps, middle = np.diff(time), 0.5 * (angle[1:] + angle[:-1])
+    moved = np.diff(points, axis=0)
+    ahead = np.cos(middle) * moved[:, 0] + np.sin(middle) * moved[:, 1]
+    aside = np.cos(middle) * moved[:, 1] - np.sin(middle) * moved[:, 0]
+    own = np.stack([ahead, aside], axis=1)
+    around = sliding_window_view(
+        np.pad(own / gaps[:, None], ((_BESIDE, _BESIDE), (0, 0)), mode="edge"), 2 * _BESIDE + 1, 0
+    )
+    off = own - np.median(around, axis=-1) * gaps[:, None]
+    lasting = np.stack([np.convolve(column, np.ones(3), mode="same") for column in off.T], axis=1)
+    size, kept = np.linalg.norm(off, axis=1), np.linalg.norm(lasting, axis=1)
+    most = np.maximum(_LEAST + _HARDEST * gaps**2, _TIMES * np.median(size))
+    found = np.flatnonzero((size > most) & (kept > np.maximum(most, 0.5 * size)))
+    return [(int(rows[k]), int(rows[k + 1])) for k in found]
+
+
+def end_to_end(position: Channel, jumps: Sequence[tuple[int, int]]) -> Channel:
+    """The places alone, joined as `joined` does, none turned."""
+    unturned = Channel("heading", ("heading",), "rad", position.time, np.zeros((len(position.time), 1)))
+    return joined(position, unturned, jumps)[0]
+
+
+def joined(position: Channel, heading: Channel, jumps: Sequence[tuple[int, int]]) -> tuple[Channel, Channel]:
+    """Position and heading (in the sense of the axes) as the frame before the first of `jumps` would have them to the end.
+
+    jumps: the last row before each and the first one behind it, between which nothing says where the vehicle was. A drive
+    goes on as it went: lines through the poses before and behind a jump meet in its middle, and what comes behind is moved
+    there as one piece, its heading too.
+    """
+    if not jumps:
+        return position, heading
+    time, poses = position.time, np.concatenate([position.values, heading.values], axis=1)
+    edges = [0, *(first for _, first in jumps), len(time)]
+    for k, (last, first) in enumerate(jumps):
+        middle = 0.5 * (time[last] + time[first])
+        here = _pose_at(middle, time, poses, np.arange(edges[k], last + 1))
+        there = _pose_at(middle, time, poses, np.arange(first, edges[k + 2]))
+        back = float(wrapped(here[2:] - there[2:])[0])
+        rotation = np.array([[np.cos(back), -np.sin(back)], [np.sin(back), np.cos(back)]])
+        poses[first:, :2] = (poses[first:, :2] - there[:2]) @ rotation.T + here[:2]
+        poses[first:, 2] += back
+    return position.replace(values=poses[:, :2]), heading.replace(values=poses[:, 2:])
+
+
+def told(position: Channel, jumps: Sequence[tuple[int, int]]) -> list[str]:
+    """What to say of jumps that were joined, if anything."""
+    if not jumps:
+        return []
+    instants = [0.5 * float(position.time[a] + position.time[b]) - float(position.time[0]) for a, b in jumps]
+    shown = ", ".join(f"{t:.1f}" for t in instants[:4]) + (", ..." if len(instants) > 4 else "")
+    how = "jumps" if len(instants) == 1 else f"jumps {len(instants)} times"
+    return [
+        f"the pose {how} ({shown} s after its first sample) while the vehicle drives on, as where odometry is reset or a "
+        "localisation is set right: what comes behind is moved to where the drive went on"
+    ]
+
+
+def _pose_at(middle: float, time: Array, poses: Array, rows: Integers) -> Array:
+    """(3,) the line through those poses of these rows (in order) that are near the middle of a jump, there."""
+    known = rows[np.isfinite(poses[rows]).all(axis=1)]
+    away = np.abs(time[known] - middle)
+    near = known[away <= max(_SEEN, np.sort(away)[:2][-1])]
+    table = np.stack([np.ones(len(near)), time[near] - middle], axis=1)
+    values = np.column_stack([poses[near, :2], np.unwrap(poses[near, 2])])
+    return np.asarray(np.linalg.lstsq(table, values, rcond=None)[0][0], dtype=np.float64)
