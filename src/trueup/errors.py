@@ -126,4 +126,6 @@ def listed(names: Sequence[str], most: int = 6) -> str:
 
 
 def _several(kind: str) -> str:
-    return f"{kind[:-1]}ies" if kind.endswith("ty") else f"{kind}s"
+    if kind.endswith("sis"):
+        return f"{kind[:-2]}es"
+    return f"{kind[:-1]}ies" if kind.endswith(("ty", "dy")) else f"{kind}s"

@@ -97,6 +97,14 @@ def test_a_pendulum_swings_alike_and_keeps_its_energy(tmp_path: Path) -> None:
     assert np.abs(ours - theirs).max() < 0.01 * np.ptp(theirs)
 
 
+def test_a_body_whose_weight_is_compensated_stays_where_it_is_in_dart_too(tmp_path: Path) -> None:
+    (tmp_path / "held.xml").write_text(BALL.replace("<body ", '<body gravcomp="1" ', 1))
+    observed = {"base_position": Observed(("x", "y", "z"), "m", np.arange(0.0, 1.0, 0.01))}
+    trial = Trial("hang", 0.0, 1.0, None, observed, base_at(0.3, 1.0))
+    (run,) = simulator(load(tmp_path / "held.xml"), step=0.001).rollout([trial], np.zeros((1, 0)))
+    np.testing.assert_allclose(run.channels["base_position"][0, :, 2], 1.0, atol=1e-9)
+
+
 def test_a_free_body_falls_by_half_g_t_squared_and_then_rests_on_the_floor(tmp_path: Path) -> None:
     (tmp_path / "box.xml").write_text(BALL)
     time = np.arange(0.0, 2.0, 0.01)

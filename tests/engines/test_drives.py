@@ -221,6 +221,19 @@ def test_a_servo_that_pulls_two_joints_by_a_tendon_is_commanded_by_its_name_and_
     assert kp == pytest.approx(9.0, rel=0.05)
 
 
+def test_a_servo_that_pulls_two_joints_has_the_delay_of_all_commands_and_a_zero(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    path.write_text(_TENDON.format(kp=6))
+    time = np.arange(0.0, 2.0, 0.01)
+    log = Recording("log", {
+        "command": Channel("command", ("pull",), "rad", time, 0.6 * np.sin(2.0 * time)[:, None]),
+        "position": Channel("position", ("a", "b"), "rad", time, 0.3 * np.sin(2.0 * time - 0.1)[:, None] * np.ones(2)),
+    })  # fmt: skip
+    simulator = prepare(path, [log]).simulator
+    of = {a.kind: a.targets for a in simulator.quantities}
+    assert of["delay"] == of["zero"] == ("pull",)
+
+
 def test_steps_show_the_force_limit_of_a_servo_whose_file_gives_none(tmp_path: Path) -> None:
     steps = _steps('<actuator><position joint="j" kp="35" kv="1.1" forcerange="-4 4"/></actuator>')
     force, stiffness = _found(_model(tmp_path, _SERVO), steps, ("force_limit", "kp"))

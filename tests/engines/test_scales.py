@@ -65,6 +65,24 @@ def test_openings_of_a_gripper_in_shares_become_lengths(tmp_path: Path, whole: f
     assert "shares of their joints' ranges" in notes[0]
 
 
+@pytest.mark.parametrize("turned", [1.0, 60.0])  # hinges in rad, in degrees
+def test_slides_without_a_unit_are_in_mm_where_only_that_fits_their_ranges(tmp_path: Path, turned: float) -> None:
+    slides = (
+        '<body><joint name="rail" type="slide" range="-.6 .6"/><geom size=".05"/></body>'
+        '<body><joint name="finger" type="slide" range="0 .04"/><geom size=".01"/></body></worldbody>'
+    )
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", slides))
+    time = np.arange(0.0, 4.0, 0.02)
+    values = np.stack([turned * np.sin(time), 200.0 * np.sin(time), 20.0 + 15.0 * np.sin(time)], axis=1)
+    log = Recording("run", {c: Channel(c, ("j", "rail", "finger"), "", time, values) for c in ("position", "command")})
+    (run,), notes = suited(load(tmp_path / "arm.xml"), [log])
+    assert any("of rail, finger are taken as mm" in note for note in notes)
+    assert not any("beyond its range" in note or "shares" in note for note in notes)
+    for channel in (run.channel("position"), run.channel("command")):
+        assert [channel.unit_of(label) for label in channel.labels] == ["rad", "m", "m"]
+        np.testing.assert_allclose(channel.select(["rail", "finger"]).values, 1e-3 * values[:, 1:])
+
+
 def test_a_slide_whose_unit_is_said_keeps_it_beside_hinges_whose_unit_is_told_from_their_ranges(tmp_path: Path) -> None:
     slide = '<body><joint name="s" type="slide" range="-.2 .2"/><geom size=".05"/></body></worldbody>'
     (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", slide))

@@ -41,7 +41,7 @@ def test_what_lies_beyond_a_joints_range_is_said(tmp_path: Path, compiler: str, 
     assert all(part in notes[0] for part in said)
 
 
-@pytest.mark.parametrize(("size", "said"), [(0.25, ""), (150.0, 'unit = "mm"'), (3000.0, "the same joint and unit")])
+@pytest.mark.parametrize(("size", "said"), [(0.25, ""), (150.0, 'units = ["mm"'), (3000.0, "the same joint and unit")])
 def test_a_slide_far_beyond_its_range_is_asked_for_its_unit(tmp_path: Path, size: float, said: str) -> None:
     (tmp_path / "arm.xml").write_text(
         _ARM.format("").replace('name="j" axis', 'name="j" type="slide" axis').replace("2 2", ".2 .2")

@@ -54,6 +54,7 @@ def test_a_written_number_reads_back_to_its_digits(value: float) -> None:
 
 
 def test_absent_and_endless_values_have_their_signs() -> None:
+    assert fixed(0.0, supported_decimals(0.0, -1e-9, 1e-9)) == "0"  # it ended in a ValueError
     assert (significant(math.nan), fixed(math.inf, 2), fixed(-math.inf, 2)) == ("–", "∞", "−∞")
     assert ratio_text(math.nan, 1.0) == ratio_text(1.0, 0.0) == "–"
     assert (ratio_text(1.0, 4.0), ratio_text(12.34, 1.0), ratio_text(1e-9, 1.0)) == ("0.25×", "12.3×", "<0.01×")

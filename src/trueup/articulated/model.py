@@ -41,6 +41,7 @@ ATTRIBUTES: Mapping[str, str] = {
     "actuator.torque": "force per unit of the command where it is a plain motor, else 0; only read",
     "body.mass": "mass, kg; written it scales the inertia along, so that the body keeps its shape",
     "body.com": "(b, 3) centre of mass in the body frame, m",
+    "body.held": "share of the body's weight that something beside the drives holds: a controller that compensates gravity",
     "body.inertia": "(b, 3, 3) rotational inertia about the centre of mass in the body frame, kg m2",
     "geom.friction": "sliding friction of a shape's contacts",
     "geom.softness": "time constant of a shape's contacts, s",

@@ -7,7 +7,7 @@ import argparse
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths, joints), args.rate)
         if of_joints is not None:
-            guess, more = _renamed(guess, recordings, _drives_of(of_joints))
+            guess, more = _renamed(guess, recordings, *_drives_of(of_joints))
             guess, sensors = _with_sensors(guess, recordings, of_joints)
             said += more + sensors
         said += _others(recordings, target)
@@ -144,12 +144,13 @@ def _labels(recordings: Sequence[Recording]) -> list[str]:
     return list(dict.fromkeys(x for r in recordings for n in names if r.has(n) for x in r.channel(n).labels))
 
 
-def _drives_of(model: str) -> Mapping[str, str]:
-    """A model's joints and what drives them."""
+def _drives_of(model: str) -> tuple[Mapping[str, str], tuple[str, ...]]:
+    """A model's joints and what drives them, and drives of several joints."""
     from trueup.engines.family import family_of
 
     family = family_of(model)
-    return family.drives(family.load(Path(model)))
+    loaded = family.load(Path(model))
+    return family.drives(loaded), family.others(loaded)
 
 
 def _seen_by(model: str, recordings: Sequence[Recording]) -> tuple[Sequence[Recording], tuple[str, ...]]:
@@ -163,8 +164,8 @@ def _seen_by(model: str, recordings: Sequence[Recording]) -> tuple[Sequence[Reco
 
 
 def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
-    joints = list(_drives_of(model))
-    strange = [label for label in _labels(recordings) if label not in joints]
+    joints, others = _drives_of(model)
+    strange = [label for label in _labels(recordings) if label not in joints and label not in others]
     return (
         [f"{Path(model).name} has no joint {', '.join(strange)}; its joints are: {', '.join(joints)}"]
         if strange
@@ -173,10 +174,10 @@ def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
 
 
 def _renamed(
-    guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str]
+    guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str], others: Collection[str]
 ) -> tuple[ChannelMap, list[str]]:
     """The guess with names of the model's joints for those in the files, and what to say of it."""
-    labels = _labels(recordings)
+    labels = [label for label in _labels(recordings) if label not in others]
     if all(label in drives for label in labels):
         return guess, []
     names, how = match_joints(labels, drives)

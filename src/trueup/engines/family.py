@@ -93,6 +93,10 @@ class Family:
         """A model's joints, each to the name of what drives it, '' where nothing does."""
         return {}
 
+    def others(self, model: Any) -> tuple[str, ...]:
+        """A model's drives that turn several joints at once."""
+        return ()
+
     def sensors(self, model: Any) -> Mapping[str, str]:
         """A model's sensors of three numbers, each to the unit of what it measures (see `inspection.sensors`)."""
         return {}

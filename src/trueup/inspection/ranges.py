@@ -47,15 +47,25 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
     return tuple(said)
 
 
+def shorter(ends: tuple[float, float], low: float, high: float) -> list[str]:
+    """Units in which a slide lies in its range that was measured, from `low` to `high` m, further beyond than it is long."""
+    whole = ends[1] - ends[0]
+    if low >= ends[0] - whole and high <= ends[1] + whole:
+        return []
+    return [u for u in ("mm", "cm") if ends[0] - whole <= low * to_si(u)[1] and high * to_si(u)[1] <= ends[1] + whole]
+
+
 def _slid_beyond(joint: str, ends: tuple[float, float], low: float, high: float) -> list[str]:
     """A sentence where a slide was measured, from `low` to `high` m, further beyond its range than that is long."""
     whole = ends[1] - ends[0]
     if low >= ends[0] - whole and high <= ends[1] + whole:
         return []
-    fits = [u for u in ("cm", "mm") if ends[0] - whole <= low * to_si(u)[1] and high * to_si(u)[1] <= ends[1] + whole]
+    fits = shorter(ends, low, high)
     why = (
-        f'are these {fits[0]}? then say unit = "{fits[0]}" in the mapping' if fits else "is it the same joint and unit?"
-    )
+        f"are these {' or '.join(fits)}, or was a unit of angles said for all labels? Give each label its own in the mapping "
+        f'(units = ["{fits[0]}", ...])'
+        if fits else "is it the same joint and unit?"
+    )  # fmt: skip
     return [
         f"joint '{joint}' is measured from {low:.3g} to {high:.3g} m, beyond its range in the model, {ends[0]:.3g} to "
         f"{ends[1]:.3g} m, where a simulator stops it: {why}"

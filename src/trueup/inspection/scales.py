@@ -24,6 +24,8 @@ _STILL = 0.1
 """Numbers that a joint spans which stands still, in either unit."""
 _ENCODERS = 8.0
 """Times that steps of a robot's encoders differ, at most: 4096 and 512 counts of a turn; degrees and rad do by 57."""
+_BESIDE = 0.1
+"""Of its range (or of shares of it) that a slide may be measured beyond its ends."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
@@ -41,17 +43,19 @@ class Way:
 
 
 def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings whose positions and commands, where they have no unit, are in rad, and a note on what was assumed.
+    """Recordings whose positions and commands, where they have no unit, are in rad, and notes on what was assumed.
 
-    Degrees, where all measured positions then lie in the ranges of the model's `joints`; else nothing is changed.
+    Degrees, where all measured positions then lie in the ranges of the model's `joints`; else nothing is changed. Slides that
+    only as mm lie in theirs are in m then.
     """
     without = [r for r in recordings if r.has("position") and not r.channel("position").unit]
     if not without:
         return list(recordings), []
+    short, said = _in_millimetres(joints, without)
     turned = [np.abs(_hinges(joints, r.channel("position"))).ravel() for r in without]
     # Beyond that only slides reach: openings, travels.
     if not hardly_radians(float(np.nanmax(np.concatenate(turned), initial=0.0))):
-        return [_in_rad(joints, r, 1.0) if r in without else r for r in recordings], []
+        return [_in_rad(joints, r, 1.0, short) if r in without else r for r in recordings], said
     if not all(_within(joints, r.channel("position")) for r in without):
         return list(recordings), []
     names = ", ".join(r.name for r in without)
@@ -60,7 +64,42 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
         'of a range (LeRobot\'s -100 ... 100), give unit = "rad" with scale and offset in the mapping'
         f"{_of_two_units(joints, without)}"
     )
-    return [_in_rad(joints, r, to_si("deg")[1]) if r in without else r for r in recordings], [note]
+    return [_in_rad(joints, r, to_si("deg")[1], short) if r in without else r for r in recordings], [note, *said]
+
+
+def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tuple[list[str], list[str]]:
+    """Slides whose numbers lie in their ranges as mm and not as m, and a note. What might as well be shares of a range, as of
+    a gripper, is in mm only beside a slide that cannot be.
+    """
+    slides = [j for j, way in joints.items() if way.slides and way.range is not None]
+    short = [j for j in slides if len(v := _unsaid(recordings, j)) and _beyond(joints[j], v) and _inside(joints[j], v)]
+    if all(_share(joints[j], recordings, j) for j in short):
+        return [], []
+    return short, [
+        f"positions without a unit of {', '.join(short)} are taken as mm, which fits the range in the model; if they are "
+        "anything else, say so in units, one for each label, in the mapping"
+    ]
+
+
+def _unsaid(recordings: Sequence[Recording], slide: str) -> Array:
+    """Positions of a slide of which nobody said that they are lengths."""
+    every = [c.column(slide) for r in recordings for c in (r.channels.get("position"),)
+             if c is not None and slide in c.labels and c.unit_of(slide) != "m"]  # fmt: skip
+    values = np.concatenate(every) if every else np.zeros(0)
+    return values[np.isfinite(values)]
+
+
+def _beyond(way: Way, metres: Array) -> bool:
+    """Whether a slide was measured further beyond its range than that is long."""
+    (low, high), whole = way.ends, way.ends[1] - way.ends[0]
+    return bool(metres.min() < low - whole or metres.max() > high + whole)
+
+
+def _inside(way: Way, numbers: Array) -> bool:
+    """Whether a slide stays in its range, the numbers taken as mm."""
+    (low, high), metres = way.ends, numbers * to_si("mm")[1]
+    beside = _BESIDE * (high - low)
+    return bool(metres.min() >= low - beside and metres.max() <= high + beside)
 
 
 def _of_two_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> str:
@@ -120,15 +159,13 @@ def of_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tup
 
 def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
     """What the whole way of a slide is in its positions, 1 or 100; 0 where these are lengths, or neither."""
-    every = [c.column(slide) for r in recordings for c in (r.channels.get("position"),)
-             if c is not None and slide in c.labels and c.unit_of(slide) != "m"]  # fmt: skip
-    values = np.concatenate(every) if every else np.zeros(0)
-    values = values[np.isfinite(values)]
+    values = _unsaid(recordings, slide)
     if not len(values) or way.range is None:
         return 0.0
     largest, beyond = float(values.max()), 2.0 * max(abs(end) for end in way.range)
     for whole in (1.0, 100.0):
-        if beyond < largest <= 1.1 * whole and values.min() >= -0.1 * whole and (whole == 1.0 or largest > 2.0):
+        beside = _BESIDE * whole
+        if beyond < largest <= whole + beside and values.min() >= -beside and (whole == 1.0 or largest > 2.0):
             return whole
     return 0.0
 
@@ -159,12 +196,12 @@ def _within(joints: Mapping[str, Way], channel: Channel) -> bool:
     return bool(ranges)
 
 
-def _in_rad(joints: Mapping[str, Way], recording: Recording, factor: float) -> Recording:
-    """Hinges times `factor`; slides as they are."""
-    slides = [j for j, way in joints.items() if way.slides]
+def _in_rad(joints: Mapping[str, Way], recording: Recording, factor: float, short: Sequence[str]) -> Recording:
+    """Hinges times `factor`, slides that are `short` from mm to m; other slides as they are."""
+    factors = {j: 1.0 for j, way in joints.items() if way.slides} | dict.fromkeys(short, to_si("mm")[1])
     for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), ("velocity", "rad/s")):
         if recording.has(name) and not (channel := recording.channel(name)).unit:
-            factors = np.array([1.0 if label in slides else factor for label in channel.labels])
+            values = channel.values * np.array([factors.get(label, factor) for label in channel.labels])
             units = tuple(known or unit for known in channel.units)
-            recording = recording.with_channel(channel.replace(unit=unit, units=units, values=channel.values * factors))
+            recording = recording.with_channel(channel.replace(unit=unit, units=units, values=values))
     return recording

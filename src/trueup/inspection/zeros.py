@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,6 +15,46 @@ from trueup.recording import Recording
 from trueup.trial import command_of
 
 _HELD = 0.5  # s that a command stays as it is, of which the second half is looked at: servos settle faster
+
+_FAR = 0.2  # rad or m: as far as the zero of a servo is searched
+_FOLLOWS = 0.9  # correlation of a joint with its command, below which something holds it
+_ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
+
+
+def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence for each joint that follows its command further beside it than any servo's zero is, all along."""
+    found: dict[str, dict[str, float]] = {}
+    for recording in recordings:
+        for joint in recording.channel("position").labels if recording.has("position") else ():
+            apart = _all_along(recording, joint)
+            if abs(apart) > _FAR:
+                found.setdefault(joint, {})[recording.name] = apart
+    return tuple(_said(joint, by) for joint, by in found.items())
+
+
+def _said(joint: str, by: Mapping[str, float]) -> str:
+    apart = ", ".join(f"{each:+.3g}" for each in by.values())
+    return (
+        f"{joint} is measured {apart} rad (or m) beside its command, though it follows it ({', '.join(by)}). If its "
+        "sensor counts from where it was switched on, or was not homed, its positions need an offset in the mapping (one for "
+        f"each label; of {joint} about {-np.mean(list(by.values())):.3g} rad, in the unit of the file; a mapping each, where "
+        "logs differ). Else its servo is soft, and nothing is wrong"
+    )
+
+
+def _all_along(recording: Recording, joint: str) -> float:
+    """How far a joint that follows its command is beside it, if that is more than what changes with the motion; else 0."""
+    pair = _with_command(recording, joint)
+    if pair is None:
+        return 0.0
+    position, told = pair
+    good = np.isfinite(position) & np.isfinite(told)
+    position, told = position[good], told[good]
+    if len(told) < 3 or np.ptp(told) == 0.0 or np.ptp(position) == 0.0:
+        return 0.0
+    apart = float(np.median(position - told))
+    follows = float(np.corrcoef(position, told)[0, 1]) > _FOLLOWS
+    return apart if follows and abs(apart) > _ALL_ALONG * float(np.std(position - told)) else 0.0
 
 
 def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnosis | None:
@@ -31,7 +71,7 @@ def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnos
                 off[joint] = mean
     if not off:
         return None
-    shown = ", ".join(f"{joint} {1e3 * mean:+.2g}" for joint, mean in off.items())
+    shown = ", ".join(f"{joint} {round(1e3 * mean, 1):+g}" for joint, mean in off.items())
     return Diagnosis(
         "zero", f"joints rest beside their commands ({shown} mrad or mm in the mean)",
         "a zero of each servo is searched beside its load, and kept where left-out recordings show it", off,
@@ -40,14 +80,11 @@ def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnos
 
 def _rests(recording: Recording, joint: str) -> Array:
     """(n,) mean of position minus command over the second half of each stretch in which the command was held."""
-    command = command_of(recording)
-    if command is None or not recording.has("position") or joint not in command.labels:
+    pair = _with_command(recording, joint)
+    if pair is None:
         return np.zeros(0)
-    position = recording.channel("position")
-    if joint not in position.labels or command.unit != position.unit:
-        return np.zeros(0)
-    told = command.select([joint]).at(position.time, hold=True)[:, 0]
-    apart, time = position.column(joint) - told, position.time
+    (position, told), time = pair, recording.channel("position").time
+    apart = position - told
     edges = np.concatenate([[0], np.flatnonzero(np.diff(told) != 0.0) + 1, [len(told)]])
     found = []
     for first, last in itertools.pairwise(edges):
@@ -56,3 +93,13 @@ def _rests(recording: Recording, joint: str) -> Array:
             if np.isfinite(later).any():
                 found.append(float(np.nanmean(later)))
     return np.array(found, dtype=np.float64)
+
+
+def _with_command(recording: Recording, joint: str) -> tuple[Array, Array] | None:
+    """(T,) each, a joint's position and the command in force then; None where it has not both, in one unit."""
+    command, position = command_of(recording), recording.channels.get("position")
+    if command is None or position is None or joint not in command.labels or joint not in position.labels:
+        return None
+    if command.unit != position.unit:
+        return None
+    return position.column(joint), command.select([joint]).at(position.time, hold=True)[:, 0]

@@ -49,6 +49,8 @@ def fixed(value: float, decimals: int) -> str:
         return _ABSENT
     if math.isinf(value):
         return "∞" if value > 0 else f"{_MINUS}∞"
+    if value == 0.0 and decimals > 7:
+        return "0"
     if abs(value) >= 1e6 or (decimals > 7 and abs(value) < 1e-3):
         return _power_of_ten(value, decimals)
     text = f"{round(value, decimals):.{max(decimals, 0)}f}"

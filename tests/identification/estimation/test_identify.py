@@ -149,6 +149,19 @@ def test_degrees_are_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
         identify(tree, [r])
 
 
+@pytest.mark.parametrize(("turned", "unit"), [(1.0, "rad"), (180.0 / np.pi, "deg")])
+def test_a_slide_in_mm_is_named_with_the_units_of_all_joints(
+    tree: KinematicTree, arms: SimpleNamespace, turned: float, unit: str
+) -> None:
+    slides = np.array([False, False, True, False])
+    scara = tree.replace(prismatic=slides, lower=np.full(4, -2.0), upper=np.full(4, 2.0))
+    r = arms.recording(scara, np.random.default_rng(6), size=1.0)
+    channel = r.channel("position")
+    r = r.with_channel(channel.replace(values=channel.values * np.where(slides, 1e3, turned), units=()))
+    with pytest.raises(IdentificationError, match=rf'units = \["{unit}", "{unit}", "mm", "{unit}"\]'):
+        identify(scara, [r])
+
+
 def test_exchanged_torques_are_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
     r = _changed(arms.recording(tree, np.random.default_rng(7)), "torque", order=[0, 2, 1, 3])
     with pytest.raises(IdentificationError, match="joint2 and joint3 seem to be exchanged"):

@@ -72,6 +72,11 @@ BODIES = (
         bounds=factor(4, 4, 1e-3), attributes=("body.mass",), start=None,
         shown_by="accelerating and holding against gravity in several poses",
     ),
+    Quantity(
+        name="weight_held", family="body", unit="", title="share of the weight that gravity compensation holds",
+        bounds=around(0.5), attributes=("body.held",), start=None, needs="held",
+        shown_by="holding and moving slowly in several poses",
+    ),
     *(
         CentreOfMass(
             name=f"com_{axis}", family="body", unit="m", title=f"centre of mass, {axis} in the body frame",

@@ -56,7 +56,8 @@ class Quantity:
     mirrored: bool = False
     """Whether the sign changes between left and right."""
     needs: str = ""
-    """What a model must be prepared with: 'slack', 'gear' (a second joint), 'limit' (of the force), 'floor', 'shapes'."""
+    """What a model must be prepared with: 'slack', 'gear' (a second joint), 'limit' (of the force), 'held' (weight), 'floor',
+    'shapes'."""
     group: str = ""
     """Quantities of one group are written together: `write` is called once with the values of all."""
     turn: int = 0

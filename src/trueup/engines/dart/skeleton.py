@@ -99,6 +99,7 @@ def _robot(model: mujoco.MjModel, hulls: Mapping[int, Any]) -> Any:
     nodes: dict[int, Any] = {0: None}
     for i in range(1, model.nbody):
         nodes[i] = _add_body(model, robot, i, nodes[int(model.body_parentid[i])])
+        nodes[i].setGravityMode(float(model.body_gravcomp[i]) < 1.0)
         _add_shapes(model, i, nodes[i], hulls)
     robot.setSelfCollisionCheck(True)
     robot.setAdjacentBodyCheck(False)

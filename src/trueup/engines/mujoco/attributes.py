@@ -280,6 +280,7 @@ _ACCESS: Mapping[str, _Access] = {
     "actuator.torque": _only(_torque),
     "body.mass": _Access(_field("body_mass").read, _write_mass),
     "body.com": _field("body_ipos"),
+    "body.held": _field("body_gravcomp"),
     "body.inertia": _Access(_read_inertia, _write_inertia),
     "geom.friction": _field("geom_friction", 0),
     "geom.softness": _field("geom_solref", 0),

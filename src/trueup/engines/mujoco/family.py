@@ -23,10 +23,12 @@ from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import by_the_only_joint, driven, suited, torques_as_commands, undriven
 from trueup.engines.mujoco.setup.floor import reach_of
+from trueup.engines.mujoco.setup.gravity import compensated
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
+from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
 from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
@@ -44,15 +46,16 @@ from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.turns import without_wraps
-from trueup.inspection.zeros import zeros_off
+from trueup.inspection.zeros import far_beside, zeros_off
 from trueup.recording import Recording
 from trueup.trial import STEP
 
 _CHANGES = (
-    ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
+    ("base", floating), ("base", held), ("servos", driven), ("gravity", compensated), ("overlaps", passable),
+    ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "pauses",
+    "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "pauses",
     *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -73,13 +76,17 @@ class Articulated(Family):
         """See Family."""
         return model.drives()
 
+    def others(self, model: Model) -> tuple[str, ...]:
+        """See Family."""
+        return of_several_joints(model)
+
     def sensors(self, model: Model) -> Mapping[str, str]:
         """See Family."""
         return model.sensors()
 
     def in_units(self, model: Model, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """See Family: metres where a joint slides."""
-        named, _ = named_as(recordings, model.drives())
+        named, _ = named_as(with_joints_told(model, recordings)[0], model.drives(), self.others(model))
         named, _ = by_the_only_joint(named, model.scalar_joints())
         return of_slides(model, with_units(model, named)[0])[0]
 
@@ -88,10 +95,10 @@ class Articulated(Family):
         return {word for words in GAINS.values() for word in words}
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
-        """See Family: positions beyond what the model allows, and sensors in other units than its own."""
+        """See Family: positions beyond what the model allows or far beside commands, and sensors in other units."""
         units = in_other_units(model.sensors(), recordings)
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
-        return (*beyond, *units, *at_other_voltages(recordings))
+        return (*beyond, *units, *far_beside(recordings), *at_other_voltages(recordings))
 
     def suited(
         self,
@@ -102,8 +109,9 @@ class Articulated(Family):
     ) -> Suited:
         """See Family: joints by the model's names, commands that its drives take."""
         drives = model.drives()
-        others = [name for name in model.names("actuator") if name and name not in drives.values()]
+        others = self.others(model)
         sound, spikes = _edited([*training, *held_out], "spikes", refuse, without_lone_spikes)
+        sound, told = _edited(sound, "tendons", refuse, lambda rs: with_joints_told(model, rs))
         named, renamed = _edited(sound, "names", refuse, lambda rs: named_as(rs, drives, others))
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
         named, steady = _edited(named, "gains", refuse, with_steady_gains)
@@ -115,7 +123,7 @@ class Articulated(Family):
         doubts = self.doubts(model, taken)
         fitted, pauses = _edited(taken[: len(training)], "pauses", refuse, parted_at_pauses)
         judged, others_pauses = _edited(taken[len(training) :], "pauses", refuse, parted_at_pauses)
-        edits = (*spikes, *renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning)
+        edits = (*spikes, *told, *renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning)
         notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
@@ -240,20 +248,13 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
             zeros_off(training, moving_joints(model, training)))  # fmt: skip
     found = {d.name: d.unless(refuse) for d in (*seen, _clocks(request.clocks)) if d is not None}
     height = found["floor"].numbers["height"] if "floor" in found and not found["floor"].refused else None
-    if "floor" not in found and (stops := stopped_at(training, _ranges(model))) is not None:
+    ranges = {joint: way.range or (-np.inf, np.inf) for joint, way in ways(model).items()}
+    if "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
         found["stops"] = stops.unless(refuse)
     stopped = {} if "stops" not in found or found["stops"].refused else found["stops"].numbers
     clocks = {} if "clock" in refuse else request.clocks
     lines = propose(model, training, clocks, height, request.beyond_mjcf, stopped)
     return [line for line in lines if line.quantity != "zero" or "zero" not in refuse], list(found.values())
-
-
-def _ranges(model: Model) -> dict[str, tuple[float, float]]:
-    """Between which positions the model lets each joint move, in rad or m."""
-    m, joints = model.compiled, model.scalar_joints()
-    ids = [model.index("joint", j) for j in joints]
-    ends = [m.jnt_range[i] if m.jnt_limited[i] else (-np.inf, np.inf) for i in ids]
-    return {j: (float(low), float(high)) for j, (low, high) in zip(joints, ends, strict=True)}
 
 
 def _clocks(late: Mapping[str, float]) -> Diagnosis | None:

@@ -21,6 +21,7 @@ from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
 from trueup.errors import ModelError, unknown_name
 from trueup.model_files.urdf import root_tag
+from trueup.rounding import NEGLIGIBLE
 from trueup.units import FURTHEST_TURN
 
 # Sensors that look at geoms, those without contacts too.
@@ -185,13 +186,14 @@ def _check_placed(file: Path, compiled: mujoco.MjModel) -> None:
 
 def prepared(
     model: Model, *, step: float, second: Mapping[str, Sequence[str]] | None = None, limited: Sequence[str] = (),
-    stopped: Sequence[str] = (), floor: bool = False, bare: bool = False,
+    stopped: Sequence[str] = (), held: bool = False, floor: bool = False, bare: bool = False,
 ) -> mujoco.MjModel:  # fmt: skip
     """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each gap or gear.
 
     `step` in s; `second` are joints, by SECOND, that get a second one '<name>/slack' with a range of its own (MuJoCo's
-    documented way to model backlash) or a spring; `limited` actuators get a force range, `stopped` joints a range; `floor`
-    adds a plane to a model without one. `bare` leaves out all shapes, for simulations in which nothing touches.
+    documented way to model backlash) or a spring; `limited` actuators get a force range, `stopped` joints a range; where
+    weight may be `held` MuJoCo is made to look for it; `floor` adds a plane to a model without one. `bare` leaves out all
+    shapes, for simulations in which nothing touches.
     """
     spec = model.spec.copy()
     spec.option.timestep = step
@@ -220,6 +222,8 @@ def prepared(
             actuator.forcerange = [-1e6, 1e6]
     for name in stopped:
         _limit(spec, name, model.compiled)
+    if held and not model.compiled.ngravcomp:
+        spec.bodies[1].gravcomp = NEGLIGIBLE
     return spec.compile()
 
 

@@ -225,6 +225,7 @@ class MujocoSimulator:
             second={kind: needs(self.quantities, kind) for kind in SECOND},
             limited=needs(self.quantities, "limit"),
             stopped=needs(self.quantities, "stop"),
+            held=bool(needs(self.quantities, "held")),
             floor=self._has_floor,
         )
         whole = prepare()

@@ -15,6 +15,7 @@ from trueup.errors import IdentificationError, listed
 from trueup.evidence import evidence
 from trueup.identification.estimation.motion import STILL, Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.inspection.ranges import shorter
 from trueup.units import FURTHEST_TURN
 
 DOUBTFUL, POOR = 0.1, 0.35
@@ -128,9 +129,34 @@ def _check_angles(log: Log, tree: KinematicTree) -> None:
     if reached[worst] > max(FURTHEST_TURN, 1.5 * float(np.nan_to_num(allowed[worst], nan=FURTHEST_TURN))):
         raise IdentificationError(
             f"recording '{log.name}': {tree.joints[worst]} reaches {reached[worst]:.4g} rad. If these are degrees, say "
-            'unit = "deg" for position in the mapping; if they are angles of motors before their gears, say so in a '
-            "drives file (--drives, `trueup identify --help` shows one)"
+            f"{_units(log, tree, 'deg')} for position in the mapping; if they are angles of motors before their gears, say "
+            "so in a drives file (--drives, `trueup identify --help` shows one)"
         )
+    for joint in _shorter(log, tree):
+        j = tree.joints.index(joint)
+        low, high = log.position[:, j].min(), log.position[:, j].max()
+        raise IdentificationError(
+            f"recording '{log.name}': {joint} slides from {low:.4g} to {high:.4g} m; its "
+            f"range in the model is {tree.lower[j]:g} to {tree.upper[j]:g} m. If it was logged in mm, say "
+            f"{_units(log, tree, 'rad')} for position in the mapping"
+        )
+
+
+def _shorter(log: Log, tree: KinematicTree) -> list[str]:
+    """Slides that were measured far beyond their range in the model, and lie in it as mm or cm."""
+    known = np.flatnonzero(tree.prismatic & np.isfinite(tree.lower + tree.upper))
+    low, high = log.position.min(axis=0), log.position.max(axis=0)
+    ends = {int(j): (float(tree.lower[j]), float(tree.upper[j])) for j in known}
+    return [tree.joints[j] for j, both in ends.items() if shorter(both, float(low[j]), float(high[j]))]
+
+
+def _units(log: Log, tree: KinematicTree, turned: str) -> str:
+    """The line of a mapping that says that hinges are in `turned`, and what slides are in beside them."""
+    if not tree.prismatic.any():
+        return f'unit = "{turned}"'
+    short, slides = _shorter(log, tree), dict(zip(tree.joints, tree.prismatic, strict=True))
+    units = ", ".join(f'"{"mm" if j in short else "m" if slides[j] else turned}"' for j in tree.joints)
+    return f"units = [{units}] (of {', '.join(tree.joints)}: one for each label)"
 
 
 def _check_torque(log: Log, tree: KinematicTree) -> None:

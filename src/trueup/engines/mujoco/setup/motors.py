@@ -58,7 +58,7 @@ def drives_seen(model: Model, recordings: Sequence[Recording]) -> dict[str, Driv
     that stood still, friction alone, as much as held them. {} where models have a free base or several drives at a joint.
     """
     compiled = model.compiled
-    parts = [p for r in recordings for p in _known(model, r)] if alone(compiled, ()) else []
+    parts = known_torques(model, recordings)
     found: dict[str, Drive] = {}
     for joint in model.scalar_joints() if parts else ():
         dof = int(compiled.jnt_dofadr[joint_id(compiled, joint)])
@@ -68,24 +68,45 @@ def drives_seen(model: Model, recordings: Sequence[Recording]) -> dict[str, Driv
     return found
 
 
-def _fitted(parts: Sequence[_Part], dof: int) -> Drive:
-    """With an offset for what the rigid robot's gravity lacks."""
+def known_torques(model: Model, recordings: Sequence[Recording]) -> list[KnownTorque]:
+    """Recordings of which the torque and everybody's motion is known; none where models have a free base or several drives at
+    a joint.
+    """
+    return [p for r in recordings for p in _known(model, r)] if alone(model.compiled, ()) else []
+
+
+def pushes(parts: Sequence[KnownTorque], dof: int) -> tuple[Array, Array, Array]:
+    """(L, 4) sign of the speed, speed, acceleration and one, which `of_a_drive` weighs, (L,) torque beyond the rigid
+    robot's, and how many samples speeds are smoothed over (L,), 0 where the joint hardly moves.
+    """
     extra, speed, rate = np.concatenate(
         [np.stack([p.extra[:, dof], p.motion.speed[:, dof], p.motion.acceleration[:, dof]], axis=1) for p in parts]
     ).T
     noise, window = np.repeat([(p.speed_noise[dof], p.window) for p in parts], [len(p.extra) for p in parts], axis=0).T
     seen = np.abs(speed) > np.maximum(_MOVES * np.abs(speed).max(), _SURELY * noise)
-    if np.sum(seen / window) < _FEWEST:
-        return Drive(_HELD * float(np.abs(extra).max()))
-    columns = np.stack([np.sign(speed), speed, rate, np.ones_like(speed)], axis=1)[seen]
-    size = np.abs(columns).max(axis=0)
+    columns = np.stack([np.sign(speed), speed, rate, np.ones_like(speed)], axis=1)
+    return columns, extra, np.where(seen, window, 0.0)
+
+
+def of_a_drive(columns: Array, extra: Array) -> Array:
+    """(4,) friction, damping and armature, none below zero, and an offset for what the rigid robot's gravity lacks."""
+    size = np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny)
     least = np.array([0.0, 0.0, 0.0, -np.inf])
     # of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution
-    x = lsq_linear(columns / size, extra[seen], (least, np.full(4, np.inf)), method="bvls").x / size
+    return lsq_linear(columns / size, extra, (least, np.full(4, np.inf)), method="bvls").x / size
+
+
+def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
+    columns, extra, window = pushes(parts, dof)
+    seen = window > 0.0
+    if np.sum(1.0 / window[seen]) < _FEWEST:
+        return Drive(_HELD * float(np.abs(extra).max()))
+    columns, window = columns[seen], window[seen]
+    x = of_a_drive(columns, extra[seen])
     friction, damping, armature = (float(v) for v in x[:3])
     inertia = armature + float(np.median(np.concatenate([p.inertia[:, dof] for p in parts])))
     # a joint that keeps no speed for a sample, and shows no friction by which it slides, gives way to one that holds it
-    doubt = _standard_error(columns, extra[seen] - columns @ x, float(np.sum(seen / window)))
+    doubt = _standard_error(columns, extra[seen] - columns @ x, float(np.sum(1.0 / window)))
     creeps = inertia < damping * max(p.sample for p in parts) and friction < STANDARD_ERRORS * doubt
     return Drive(_HELD * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
 
@@ -97,7 +118,7 @@ def _standard_error(columns: Array, left: Array, independent: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class KnownTorque:
     """One recording of L instants."""
 
     motion: Motion
@@ -107,6 +128,8 @@ class _Part:
     """s between instants."""
     window: int
     """Samples over which speeds are smoothed."""
+    torque: Array
+    """(L, nv) of the motors."""
     extra: Array
     """(L, nv) torque of the motors beyond what the rigid robot takes."""
     inertia: Array
@@ -115,7 +138,7 @@ class _Part:
     """(nv,) where that is known."""
 
 
-def _known(model: Model, recording: Recording) -> Iterator[_Part]:
+def _known(model: Model, recording: Recording) -> Iterator[KnownTorque]:
     """The recording, if it has the motion of all joints and their commands, without gaps in most of its time. Joints that it
     does not name and nothing drives are taken to rest, as the fingers of a hand do.
     """
@@ -152,7 +175,7 @@ def _known(model: Model, recording: Recording) -> Iterator[_Part]:
     if not len(good):
         return
     part = Motion(motion.time[good], motion.position[good], motion.speed[good], motion.acceleration[good])
-    yield _Part(part, noise, sample, window, (torque - asked)[good], inertia[good], known)
+    yield KnownTorque(part, noise, sample, window, torque[good], (torque - asked)[good], inertia[good], known)
 
 
 def _dofs(compiled: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.intp]:

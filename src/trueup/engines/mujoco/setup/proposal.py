@@ -18,6 +18,7 @@ from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
+from trueup.engines.mujoco.setup.tendons import of_several_joints
 from trueup.engines.mujoco.wiring import is_motor
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
@@ -25,6 +26,8 @@ from trueup.trial import command_of
 
 LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
+HELD = "weight that gravity compensation leaves"
+"""Of links that a controller was told to hold by a model of its own."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
 HEIGHT, TILTS = "height of the floor", {"floor_roll": "floor turned about x", "floor_pitch": "floor turned about y"}
@@ -57,11 +60,11 @@ def propose(
     joints = moving_joints(model, recordings) or model.scalar_joints()
     driven = model.actuator_of_joint()
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
-    commanded = tuple(j for j in joints if j in driven)
-    motors = tuple(j for j in commanded if is_motor(model.compiled, driven[j]))
-    lines = []
-    if stiff := (*servos, *_of_several_joints(model, recordings)):
-        lines.append(Declaration("kp", stiff))
+    motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
+    several = _pulled(model, recordings)
+    stiff = (*servos, *(a for a in several if model.is_position_servo(model.index("actuator", a))))
+    commanded = (*(j for j in joints if j in driven), *several)
+    lines = [Declaration("kp", stiff)] if stiff else []
     lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
@@ -73,10 +76,9 @@ def propose(
     lines += _punches(model, servos)
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
-    if motors:
-        lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
-    if servos:
-        lines.append(Declaration("zero", servos, optional="servo zero"))
+    lines += _of_motors(model, motors)
+    if stiff:
+        lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
@@ -124,12 +126,19 @@ def _of_a_floor(height: float) -> list[Declaration]:
     ]
 
 
-def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Position servos that are commanded and pull at a tendon, not at one joint."""
+def _of_motors(model: Model, joints: Sequence[str]) -> list[Declaration]:
+    """Factors on the torques of motors at these joints, and what else holds the weight of the bodies that they move."""
+    m = model.compiled
+    bodies = [int(m.jnt_bodyid[model.index("joint", joint)]) for joint in joints]
+    held = tuple(name for i in bodies if m.body_gravcomp[i] and (name := model.names("body")[i]))
+    gains = [Declaration("gain", tuple(joints), optional="factors on the motors' torques")] if joints else []
+    return gains + ([Declaration("weight_held", held, optional=HELD)] if held else [])
+
+
+def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Actuators that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
-    single = set(model.actuator_of_joint().values())
-    names = enumerate(model.names("actuator"))
-    return tuple(n for i, n in names if n in told and i not in single and model.is_position_servo(i))
+    return tuple(name for name in of_several_joints(model) if name in told)
 
 
 def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:

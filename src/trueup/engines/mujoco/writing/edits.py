@@ -73,6 +73,15 @@ class Edits:
             return
         self._text.set_last("option", "gravity", numbers(self._wanted.opt.gravity))
 
+    def weightless(self) -> None:
+        """Bodies whose weight something else holds; the text has them in the model's order, with names or without."""
+        changed = np.flatnonzero(np.abs(self._wanted.body_gravcomp - self._shipped.body_gravcomp) > NEGLIGIBLE)
+        bodies = self._text.all("body") if len(changed) else []
+        if len(changed) and len(bodies) != self._shipped.nbody - 1:
+            raise ModelError("its bodies are not all written out, so that none can be told to be without weight")
+        for i in changed:
+            self._text.change(bodies[i - 1], gravcomp=number(self._wanted.body_gravcomp[i]))
+
     def gains(self, given_for: Mapping[str, float]) -> None:
         """For which setting of its servos the file holds, where recordings name several."""
         for quantity, value in given_for.items():

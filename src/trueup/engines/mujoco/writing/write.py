@@ -43,6 +43,7 @@ _FIELDS = {
     **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), ("jnt_range",)),
     "body.mass": ("body_mass", "body_ipos"),
     "body.com": ("body_mass", "body_ipos"),
+    "body.held": ("body_gravcomp",),
     "geom.friction": ("geom_friction",),
     "geom.softness": ("geom_solref",),
 }  # fmt: skip
@@ -133,6 +134,7 @@ def _write(
         edits.onset(actuator, force)
     if ("world.gravity", WORLD) in attributes:
         edits.gravity()
+    edits.weightless()
     edits.gains(simulator.gains.given_for)
     if model.compiled.opt.integrator != wanted.opt.integrator:
         text.set_last("option", "integrator", "implicitfast")
@@ -194,6 +196,7 @@ def _compare(
         for field in _SECOND if second else ():
             name = target + str(second)
             _close(name, field, read(written, "joint", name, field), read(wanted, "joint", name, field))
+    _close("bodies", "gravcomp", written.body_gravcomp, wanted.body_gravcomp)
     if needs(simulator.quantities, "floor"):
         planes = plane_of(written), plane_of(wanted)
         for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque commands on top of a controller's gravity compensation: the model's links then lose their weight, too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+_EXPLAINED = 0.5
+"""Of the torques' squares, at most, that may be left: beyond that neither a scale nor a weight is seen in them."""
+
+
+def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
+    """The model with `gravcomp` at its bodies, where the motion is explained better by commanded torques without gravity.
+
+    Many arms (Franka, Kinova, KUKA's LBR) hold their own weight and take commands on top of that. Both models get the
+    drives that fit them best, as `motors.drives_seen` does; what is left counts over all joints, each by the torque that it
+    was told. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing.
+    """
+    told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("N m", "N")]
+    parts = known_torques(model, told)
+    weights = [_weight(model, part) for part in parts]
+    shares = []
+    for dof in range(model.compiled.nv) if parts else ():
+        known = [(p, w[:, dof]) for p, w in zip(parts, weights, strict=True) if p.known[dof]]
+        squares = float(sum(np.sum(np.square(p.torque[:, dof])) for p, _ in known))
+        if squares > 0.0:
+            own, weight = [p for p, _ in known], np.concatenate([w for _, w in known])
+            shares.append([_unexplained(own, dof, added) / squares for added in (0.0 * weight, weight)])
+    held, without = np.mean(shares, axis=0) if shares else (0.0, 0.0)
+    if not without < min(held, _EXPLAINED):
+        return model
+    spec = model.spec.copy()
+    for body in spec.bodies[1:]:
+        body.gravcomp = 1.0
+    note = (
+        "the commanded torques do not hold the arm's weight, as where a controller compensates gravity beside them (without "
+        f"it the motion leaves {100 * without:.2g} % of their squares unexplained, with it {100 * held:.2g} %): the links "
+        'are simulated without weight (gravcomp="1" in MJCF, in the calibrated file too)'
+    )
+    return model.changed(spec, "without the links' weight", note)
+
+
+def _weight(model: Model, part: KnownTorque) -> Array:
+    """(L, nv) torque that holds the links' weight, as the model has it."""
+    plain, still = rigid(model.compiled), np.zeros_like(part.motion.speed)
+    weightless = plain.__copy__()
+    weightless.opt.gravity[:] = 0.0
+    held, free = (inverse_dynamics(m, part.motion.position, still, still)[1] for m in (plain, weightless))
+    return held - free
+
+
+def _unexplained(parts: Sequence[KnownTorque], dof: int, added: Array) -> float:
+    """Squares that a drive leaves of what its motor gives beyond the rigid robot, `added` to that."""
+    columns, extra, _ = pushes(parts, dof)
+    columns[:, -1] = 0.0  # an offset would be the weight itself, where a link stays near level
+    extra = extra + added
+    return float(np.sum(np.square(extra - columns @ of_a_drive(columns, extra))))

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motors that turn several joints (a differential wrist): joints told from the motors' measured angles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.engines.mujoco.model import Model
+from trueup.inspection.joint_names import plain_name
+from trueup.recording import Channel, Recording
+
+_CHANNELS = ("position", "velocity")
+
+
+def with_joints_told(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings with positions and speeds of joints in place of those of drives that pull at fixed tendons, and a note.
+
+    Such a drive moves by a weighed sum of its joints: as many drives as joints tell these. Columns are a drive's by its name;
+    they are left out beside joints that were measured themselves, and stay where they do not tell their joints.
+    """
+    pulls = _pulls(model)
+    changed, told = [], {}
+    for recording in recordings:
+        for name in _CHANNELS if pulls else ():
+            if recording.has(name) and (found := _solved(recording.channel(name), pulls)) is not None:
+                recording = recording.with_channel(found[0])
+                told |= found[1]
+        changed.append(recording)
+    if not told:
+        return changed, []
+    said = ", ".join(f"{joint} from {' and '.join(drives)}" for joint, drives in told.items() if joint)
+    return changed, [
+        f"measured were drives that turn several joints, by tendons of the model: {said}" if said else
+        f"left out, since the joints that they turn were measured too: {', '.join(told[''])}"
+    ]  # fmt: skip
+
+
+def of_several_joints(model: Model) -> tuple[str, ...]:
+    """Names of the actuators that drive no single joint."""
+    single = set(model.actuator_of_joint().values())
+    return tuple(name for i, name in enumerate(model.names("actuator")) if name and i not in single)
+
+
+def _pulls(model: Model) -> dict[str, dict[str, float]]:
+    """Drives of fixed tendons, each to its joints and by how much a unit of each moves it."""
+    m, joints = model.compiled, model.names("joint")
+    found = {}
+    for name in of_several_joints(model):
+        actuator = model.index("actuator", name)
+        if int(m.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+            continue
+        first = int(m.tendon_adr[m.actuator_trnid[actuator, 0]])
+        parts = range(first, first + int(m.tendon_num[m.actuator_trnid[actuator, 0]]))
+        if all(int(m.wrap_type[w]) == int(mujoco.mjtWrap.mjWRAP_JOINT) for w in parts):
+            gear = float(m.actuator_gear[actuator, 0])
+            found[name] = {joints[int(m.wrap_objid[w])]: gear * float(m.wrap_prm[w]) for w in parts}
+    return found
+
+
+def _solved(channel: Channel, pulls: dict[str, dict[str, float]]) -> tuple[Channel, dict[str, list[str]]] | None:
+    """A channel with the joints that its drives tell, and which drives told which; None where they tell none."""
+    own = {plain_name(drive): drive for drive in pulls}
+    labels = {label: own[plain_name(label)] for label in channel.labels if plain_name(label) in own}
+    rest = [label for label in channel.labels if label not in labels]
+    joints = list(dict.fromkeys(joint for drive in labels.values() for joint in pulls[drive]))
+    if not labels or set(labels) & set(joints):
+        return None
+    weights = np.array([[pulls[drive].get(joint, 0.0) for joint in joints] for drive in labels.values()])
+    measured, open_ = ([j for j in joints if (j in rest) == known] for known in (True, False))
+    left = channel.select(list(labels)).values - _of(channel, measured) @ _columns(weights, joints, measured).T
+    solve = _columns(weights, joints, open_)
+    if np.linalg.matrix_rank(solve) < len(open_):
+        return None
+    values = np.concatenate([_of(channel, rest), left @ np.linalg.pinv(solve).T], axis=1)
+    units = tuple(channel.unit_of(label) for label in (*rest, *[next(iter(labels))] * len(open_)))
+    made = channel.replace(labels=(*rest, *open_), values=values, units=units if len(set(units)) > 1 else ())
+    return made, {joint: list(labels) for joint in open_} or {"": list(labels)}
+
+
+def _of(channel: Channel, labels: Sequence[str]) -> Array:
+    """(T, k) the columns of these labels."""
+    return np.stack([channel.column(label) for label in labels], axis=1) if labels else np.zeros((len(channel.time), 0))
+
+
+def _columns(weights: Array, joints: Sequence[str], some: Sequence[str]) -> Array:
+    return weights[:, [joints.index(joint) for joint in some]]

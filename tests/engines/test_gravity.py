@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torques that a controller adds gravity compensation to: seen by inverse dynamics, and simulated so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.writing.write import write_model
+from trueup.loop.calibrate import Options
+from trueup.loop.prepare import Preparation, prepare
+from trueup.recording import Channel, Recording
+
+ARM = """<mujoco><!-- kept --><option timestep=".002" integrator="implicitfast"/><worldbody>
+<body name="upper"><joint name="shoulder" axis="0 1 0"{}/><geom type="capsule" size=".04" fromto="0 0 0 .4 0 0" mass="{}"/>
+<body name="lower" pos=".4 0 0"><joint name="elbow" axis="0 1 0"{}/>
+<geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="1.5"/></body></body></worldbody>
+<actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/></actuator></mujoco>"""
+PLAIN = ARM.format("", 3, "")
+NAMELESS = PLAIN.replace(' name="upper"', "")
+TRUTH = ARM.format(
+    ' frictionloss=".5" damping=".6" armature=".1"', 3.3, ' frictionloss=".3" damping=".4" armature=".05"'
+)
+"""10 % heavier than what the controller holds."""
+
+
+def _ready(folder: Path, text: str, log: Recording, refuse: Sequence[str] = ()) -> tuple[Preparation, MujocoSimulator]:
+    path = folder / "arm.xml"
+    path.write_text(text)
+    ready = prepare(path, [log], refuse=refuse)
+    assert isinstance(ready.simulator, MujocoSimulator)
+    return ready, ready.simulator
+
+
+def _log(*, held: bool, scale: float = 1.0) -> Recording:
+    """Five seconds near level at 100 Hz, where the arm's weight is nearly constant; `held` by the controller."""
+    model, plain = mujoco.MjModel.from_xml_string(TRUTH), mujoco.MjModel.from_xml_string(PLAIN)
+    data, own, rows, told = mujoco.MjData(model), mujoco.MjData(plain), [], np.zeros(2)
+    rng = np.random.default_rng(0)
+    for k in range(2500):
+        own.qpos[:] = data.qpos
+        mujoco.mj_forward(plain, own)
+        if k % 5 == 0:
+            wanted = 0.5 * np.sin(np.array([2.2, 3.1]) * data.time)
+            told = np.array([60.0, 30.0]) * (wanted - data.qpos) - np.array([6.0, 3.0]) * data.qvel
+            rows.append(
+                [data.time, *(data.qpos + rng.normal(0.0, 1e-4, 2)), *(told + (0.0 if held else own.qfrc_bias))]
+            )
+        data.ctrl[:] = told + own.qfrc_bias
+        mujoco.mj_step(model, data)
+    time, seen, torque = np.split(np.array(rows), [1, 3], axis=1)
+    return Recording("log", {
+        "position": Channel("position", ("shoulder", "elbow"), "rad", time[:, 0], seen),
+        "command_torque": Channel("command_torque", ("m1", "m2"), "N m", time[:, 0], scale * torque),
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("text", [PLAIN, NAMELESS])
+def test_an_arm_whose_controller_holds_its_weight_is_simulated_without_it(tmp_path: Path, text: str) -> None:
+    ready, simulator = _ready(tmp_path, text, _log(held=True))
+    (found,) = [d for d in ready.diagnoses if d.name == "gravity"]
+    assert "do not hold the arm's weight" in str(found)
+    space, written = simulator.parameters, tmp_path / "fitted.xml"
+    values = np.array([p.nominal for p in space.parameters])
+    values[space.index("lower.weight_held")] = 0.875  # what its controller was not told is left to the drives
+    write_model(simulator, values, written)
+    assert "<!-- kept -->" in written.read_text()
+    np.testing.assert_allclose(mujoco.MjModel.from_xml_path(str(written)).body_gravcomp[1:], [1.0, 0.875])
+
+
+def test_weight_that_the_controller_was_not_told_is_found(tmp_path: Path) -> None:
+    ready, _ = _ready(tmp_path, PLAIN, _log(held=True))
+    found = ready.calibrate(Options(cross_validate=False))
+    held = found.values[ready.simulator.parameters.index("upper.weight_held")]
+    assert held == pytest.approx(3.0 / 3.3, abs=0.03)
+    assert found.replays[0].rmse_after().max() < 3e-3
+
+
+@pytest.mark.parametrize(("held", "scale"), [(False, 1.0), (False, 0.01), (True, 0.01)])
+def test_torques_that_hold_the_weight_or_are_of_another_scale_leave_it(
+    tmp_path: Path, held: bool, scale: float
+) -> None:
+    ready, _ = _ready(tmp_path, PLAIN, _log(held=held, scale=scale))
+    assert "gravity" not in [d.name for d in ready.diagnoses]
+
+
+def test_a_refused_compensation_leaves_the_weight(tmp_path: Path) -> None:
+    _, simulator = _ready(tmp_path, PLAIN, _log(held=True), refuse=["gravity"])
+    assert not simulator.model.compiled.ngravcomp

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A differential wrist: two motors turn two joints together, and logs hold the motors' angles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.cli import main
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.setup.tendons import with_joints_told
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+
+WRIST = """<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size=".05"/>
+<body pos=".3 0 0"><joint name="pitch" axis="0 1 0"/><geom size=".03"/><body><joint name="roll" axis="1 0 0"/>
+<geom size=".02" pos=".05 .02 0"/></body></body></body></worldbody>
+<tendon><fixed name="l"><joint joint="pitch" coef=".5"/><joint joint="roll" coef=".4"/></fixed>
+<fixed name="r"><joint joint="pitch" coef=".5"/><joint joint="roll" coef="-.4"/></fixed></tendon>
+<actuator><position joint="elbow" kp="40"/><position name="left" tendon="l" kp="15" gear="2"/>
+<position name="right" tendon="r" kp="15"/></actuator></mujoco>"""
+TIME = np.arange(0.0, 2.0, 0.02)
+ELBOW, PITCH, ROLL = np.sin(TIME), 0.5 * np.sin(2.0 * TIME), np.cos(TIME) - 1.0
+LEFT, RIGHT = 2.0 * (0.5 * PITCH + 0.4 * ROLL), 0.5 * PITCH - 0.4 * ROLL
+
+
+def _log(**columns: np.ndarray) -> Recording:
+    told = np.stack([ELBOW, LEFT, RIGHT], axis=1)
+    return Recording("log", {
+        "command": Channel("command", ("elbow", "left", "right"), "rad", TIME, told),
+        "position": Channel("position", tuple(columns), "rad", TIME, np.stack(list(columns.values()), axis=1)),
+    })  # fmt: skip
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    (tmp_path / "wrist.xml").write_text(WRIST)
+    return tmp_path / "wrist.xml"
+
+
+def test_joints_are_told_from_the_motors_that_turn_several(file: Path) -> None:
+    ready = prepare(file, [_log(elbow=ELBOW, Left=LEFT, Right=RIGHT)])
+    position = ready.recordings[0].channel("position")
+    np.testing.assert_allclose(
+        position.select(["elbow", "pitch", "roll"]).values, np.stack([ELBOW, PITCH, ROLL], axis=1)
+    )
+    (found,) = [d for d in ready.diagnoses if d.name == "tendons"]
+    assert "pitch from Left and Right" in str(found)
+
+
+def test_one_motor_and_one_joint_tell_the_other(file: Path) -> None:
+    (run,), _ = with_joints_told(load(file), [_log(pitch=PITCH, right=RIGHT)])
+    np.testing.assert_allclose(run.channel("position").column("roll"), ROLL, atol=1e-12)
+
+
+def test_motors_beside_all_of_their_joints_are_left_out_and_one_alone_stays(file: Path) -> None:
+    (run, other), notes = with_joints_told(load(file), [_log(pitch=PITCH, roll=ROLL, left=LEFT), _log(left=LEFT)])
+    assert run.channel("position").labels == ("pitch", "roll")
+    assert other.channel("position").labels == ("left",)
+    assert "left out" in notes[0]
+
+
+def test_inspect_takes_such_motors_for_no_joints(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = np.stack([TIME, ELBOW, LEFT, RIGHT, ELBOW, LEFT, RIGHT], axis=1)
+    head = "t,cmd_elbow,cmd_left,cmd_right,pos_elbow,pos_left,pos_right"
+    np.savetxt(file.with_name("log.csv"), table, delimiter=",", header=head, comments="")
+    monkeypatch.chdir(file.parent)
+    assert main(["inspect", "log.csv", "--model", "wrist.xml"]) == 0
+    said = capsys.readouterr().out
+    assert "by order" not in said
+    assert "[elbow, pitch, roll]" in said
