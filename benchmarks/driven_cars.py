@@ -146,7 +146,11 @@ def driven(car: Car, seconds: float, rng: np.random.Generator) -> Array:
                 for share, c, a in zip((car.weight, 1.0 - car.weight), car.stiffness, (front, rear), strict=True)
             )
             u += _STEP * (f * math.cos(angle) + b - v * r)
-            r += _STEP * (ahead * f - behind * b) / (car.inertia * ahead * behind)
+            r += (
+                _STEP
+                * (ahead * f * (math.cos(angle) if car.motor else 1.0) - behind * b)
+                / (car.inertia * ahead * behind)
+            )
             # A controller of speed makes up for most of this, a motor does not.
             v -= _STEP * (f * math.sin(angle) - u * r if car.motor else 0.5 * f * math.sin(angle))
             side = u - behind * r

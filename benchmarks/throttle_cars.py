@@ -31,7 +31,16 @@ Array = NDArray[np.float64]
 AHEAD = (1.0, 3.0)  # s
 SECONDS, FITTED, UNSEEN = 20.0, 4, 2
 _STEP = 0.01  # s by which the simulator's steering is late by itself: its own step
-SHOWN = ("steering_left", "steering_right", "pose_ahead", "understeer", "friction_limit", "grip", "weight_in_front")
+SHOWN = (
+    "steering_left",
+    "steering_right",
+    "pose_at",
+    "understeer",
+    "friction_limit",
+    "grip",
+    "weight_in_front",
+    "yaw_inertia",
+)
 """Whose intervals are judged, where they are called identified."""
 
 
@@ -67,10 +76,10 @@ def hidden(car: Car) -> dict[str, float]:
         "speed_kept": 1.0, "drive": drive, "throttle_dead": dead, "drive_fade": fade, "friction": friction,
         "speed_loss": loss, "throttle_delay": car.delays[0], "steering_delay": car.delays[1] - _STEP, "steering_lag": car.lag,
         "steering_rate_limit": car.turns / car.steers, "steering_left": left, "steering_right": right,
-        "steering_bend": -((0.5 * (left + right)) ** 2) / 3.0,  # the tangent of what is steered, which is what a car turns by
+        "steering_falloff": 0.0,
         "steering_offset": car.offset / (0.5 * (left + right)), "understeer": 1.0 / car.stiffness[0] - 1.0 / car.stiffness[1],
         "grip": car.stiffness[1], "friction_limit": car.friction, "yaw_inertia": car.inertia, "weight_in_front": car.weight,
-        "pose_ahead": car.tracked - car.weight * car.wheelbase,
+        "pose_at": car.tracked / car.wheelbase,
     }  # fmt: skip
 
 

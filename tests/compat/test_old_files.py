@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import shutil
 import tomllib
@@ -22,6 +23,8 @@ from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.plan import read_plan
 from trueup.cli import main
 from trueup.commands.status import show_status
+from trueup.engines.vehicle.kernels import steered
+from trueup.engines.vehicle.vehicle_file import read_vehicle
 from trueup.formats import ChannelMap
 from trueup.loop.prepare import simulator_for
 
@@ -83,3 +86,14 @@ def test_an_old_car_is_described_with_its_values(capsys: pytest.CaptureFixture[s
     error = re.sub(r"\s+", " ", capsys.readouterr().err)
     assert "none" in error  # the car is understood; it is the drive that holds nothing
     assert "vehicle" not in error
+
+
+def test_an_old_car_by_throttle_turns_and_is_tracked_as_it_did() -> None:
+    old = tomllib.loads((FILES / "car.toml").read_text())["vehicle"]["values"]
+    car = read_vehicle(FILES / "car.toml")
+    assert car.values["pose_at"] * car.wheelbase == pytest.approx(
+        old["pose_ahead"] + old["weight_in_front"] * car.wheelbase
+    )
+    for command in (0.2, 0.6, 1.0):  # its wheels turned it by what stood for their angle, and now do by the tangent
+        turned_by = old["steering_left"] * command * (1.0 - old["steering_bend"] * command**2)
+        assert math.tan(steered(car.row, command)) == pytest.approx(turned_by, rel=0.02)

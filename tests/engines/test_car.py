@@ -32,10 +32,10 @@ Array = NDArray[np.float64]
 
 HIDDEN = {
     "steering_delay": 0.04, "steering_lag": 0.06, "steering_slack": 0.06, "steering_left": 0.45, "steering_right": 0.52,
-    "steering_bend": 0.1, "steering_offset": 0.03, "relaxation": 0.08, "understeer": 0.004, "grip": 150.0,
+    "steering_falloff": 0.1, "steering_offset": 0.03, "relaxation": 0.08, "understeer": 0.004, "grip": 150.0,
     "friction_limit": 7.0,
     "throttle_delay": 0.05, "throttle_lag": 0.1, "throttle_dead": 0.06, "drive": 14.0, "drive_fade": 0.08,
-    "friction": 1.0, "speed_loss": 0.9, "curve_loss": 0.15, "pose_ahead": 0.05, "pose_turn": 0.02,
+    "friction": 1.0, "speed_loss": 0.9, "curve_loss": 0.15, "pose_at": 0.75, "pose_turn": 0.02,
 }  # fmt: skip
 TRUTH = Vehicle("hidden", 0.2, drive="throttle", values=HIDDEN)
 GUESS = Vehicle("guessed", 0.2, drive="throttle")
@@ -309,7 +309,7 @@ def test_a_car_on_soft_tyres_is_predicted_as_well_as_its_hidden_values_predict_i
     assert (ours < 1.5 * theirs).all()
     values = {e.name: e.value for e in found.estimates}
     assert values["grip"] == pytest.approx(45.0, rel=0.2)
-    assert values["pose_ahead"] == pytest.approx(HIDDEN["pose_ahead"], abs=0.015)
+    assert values["pose_at"] == pytest.approx(HIDDEN["pose_at"], abs=0.075)
 
 
 def test_tyres_are_not_judged_by_drives_that_never_slide(drive: Recording) -> None:

@@ -322,8 +322,8 @@ def test_wheels_of_both_axles_may_turn_a_car_further_than_it_is_told() -> None:
 
 
 def test_bounds_of_lengths_grow_with_the_car() -> None:
-    assert Vehicle("car", 2.7, drive="throttle").space()["pose_ahead"].upper == pytest.approx(2.7)
-    assert Vehicle("car", 0.2, drive="throttle").space()["pose_ahead"].upper == pytest.approx(1.0)
+    assert Vehicle("car", 2.7, drive="throttle").space()["relaxation"].upper == pytest.approx(2.7)
+    assert Vehicle("car", 0.2, drive="throttle").space()["relaxation"].upper == pytest.approx(1.0)
 
 
 def test_a_quaternion_is_a_heading_under_either_names_and_what_is_no_heading_is_named(

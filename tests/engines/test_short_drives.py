@@ -237,7 +237,7 @@ def test_a_car_commanded_by_speed_backs_off_and_its_wheels_turn_it_by_the_tangen
         "relaxation": 0.0,
         "curve_loss": 0.0,
         "steering_slack": 0.0,
-        "pose_ahead": -BASE / 2.0,
+        "pose_at": 0.0,
     }
     at_once = {"steering_delay": 0.0, "steering_lag": 0.0, "speed_delay": 0.0, "speed_lag": 0.0, "speed_gain": GAIN}
     limits = {"acceleration_limit": UP, "braking_limit": DOWN, "push_lasts": 0.0, "trim_lasts": 0.0}

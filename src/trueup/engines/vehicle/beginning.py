@@ -21,7 +21,6 @@ from trueup.engines.vehicle.kernels import (
     LAGGED,
     LASTS,
     MAX_STEERING,
-    POSE_AHEAD,
     POSE_LEFT,
     POSE_TURN,
     PUSH,
@@ -32,8 +31,8 @@ from trueup.engines.vehicle.kernels import (
     SLACK,
     SPEED,
     SPEED_KEPT,
-    STEERING_BEND,
     STEERING_DELAY,
+    STEERING_FALLOFF,
     STEERING_LEFT,
     STEERING_RATE,
     STEERING_RIGHT,
@@ -58,6 +57,7 @@ from trueup.engines.vehicle.kernels import (
     step_actuators,
     step_chassis,
     toward,
+    tracked_ahead,
 )  # fmt: skip
 from trueup.rounding import NEGLIGIBLE
 from trueup.tracking.past import MOVES
@@ -142,7 +142,7 @@ def wheel_for(p: Array, angle: float) -> float:
     share = straight / (p[STEERING_LEFT] if straight > 0.0 else p[STEERING_RIGHT])
     found = share
     for _ in range(_ROUNDS):
-        found = share / max(1.0 - p[STEERING_BEND] * found * found, _MOST_BENT)
+        found = share / max(1.0 - p[STEERING_FALLOFF] * found * found, _MOST_BENT)
     return min(max(found, -p[MAX_STEERING]), p[MAX_STEERING]) - p[COMMAND_OFFSET]
 
 
@@ -182,9 +182,9 @@ def beyond_model(p: Array, moments: Array, bent: float, forward: float, s: Array
 def place(p: Array, pose: Array, s: Array) -> None:
     """The pose of the model where that of the tracked point is `pose` (x, y, heading, ...)."""
     s[HEADING] = pose[2] + p[POSE_TURN]
-    c, d = math.cos(s[HEADING]), math.sin(s[HEADING])
-    s[X] = pose[0] - p[POSE_AHEAD] * c + p[POSE_LEFT] * d
-    s[Y] = pose[1] - p[POSE_AHEAD] * d - p[POSE_LEFT] * c
+    ahead, aside, c, d = tracked_ahead(p), p[POSE_LEFT], math.cos(s[HEADING]), math.sin(s[HEADING])
+    s[X] = pose[0] - ahead * c + aside * d
+    s[Y] = pose[1] - ahead * d - aside * c
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

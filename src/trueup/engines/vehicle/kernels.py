@@ -15,12 +15,12 @@ from trueup.rounding import ROUNDED
 
 COLUMNS = (
     "wheelbase", "max_steering", "drive_delay", "drive_lag", "steering_delay", "steering_lag", "steering_rate_limit",
-    "steering_slack", "command_offset", "steering_left", "steering_right", "steering_bend", "steering_scale",
+    "steering_slack", "command_offset", "steering_left", "steering_right", "steering_falloff", "steering_scale",
     "angle_offset", "acceleration_limit", "wheel_scale", "throttle_dead", "drive", "drive_fade", "braking", "friction",
     "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
     "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
     "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency", "speed_gain", "braking_limit",
-    "turns", "rear_compliance", "slip_relaxation", "veer", "pose_left",
+    "turns", "rear_compliance", "slip_relaxation", "veer", "pose_left", "pose_at",
 )  # fmt: skip
 """The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, which its
 wheels have at once; with `speed_gain` they are speeds that a controller of the vehicle pursues, `drive` (m/s) for a command
@@ -28,13 +28,13 @@ of one. With `turns` its steering is a turn rate, as two driven wheels make it; 
 reciprocal) its wheels roll where they point. What else is absent is written as its table says."""
 (
     WHEELBASE, MAX_STEERING, DRIVE_DELAY, DRIVE_LAG, STEERING_DELAY, STEERING_LAG, STEERING_RATE,
-    STEERING_SLACK, COMMAND_OFFSET, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND, STEERING_SCALE,
+    STEERING_SLACK, COMMAND_OFFSET, STEERING_LEFT, STEERING_RIGHT, STEERING_FALLOFF, STEERING_SCALE,
     ANGLE_OFFSET, ACCELERATION_LIMIT, WHEEL_SCALE, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION,
     SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
     FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
     TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY, SPEED_GAIN, BRAKING_LIMIT,
-    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_LEFT,
-) = range(47)  # fmt: skip
+    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_LEFT, POSE_AT,
+) = range(48)  # fmt: skip
 
 STATE = 15
 (
@@ -94,7 +94,7 @@ def steered(p: Array, wheel: float) -> float:
     """Wheel angle in rad for a command after lag, slack and rate limit."""
     command = wheel + p[COMMAND_OFFSET]
     angle = (p[STEERING_LEFT] if command > 0.0 else p[STEERING_RIGHT]) * command
-    return p[STEERING_SCALE] * angle * (1.0 - p[STEERING_BEND] * command * command) + p[ANGLE_OFFSET]
+    return p[STEERING_SCALE] * angle * (1.0 - p[STEERING_FALLOFF] * command * command) + p[ANGLE_OFFSET]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -103,7 +103,7 @@ def step_chassis(p: Array, dt: float, s: Array) -> None:
     if p[TURNS] > 0.0:
         spinning(p, dt, s)
     elif p[GRIP] > 0.0 or p[REAR_COMPLIANCE] > 0.0:
-        parts = 1 if p[DRIVE] > 0.0 else math.ceil(dt / SWINGS - ROUNDED)
+        parts = math.ceil(dt / SWINGS - ROUNDED)
         for _ in range(parts):
             on_tyres(p, dt / parts, s)
     else:
@@ -176,21 +176,18 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     front_grip, rear_grip, front, rear = tyres(p)
     share, inertia = p[WEIGHT_IN_FRONT], p[YAW_INERTIA] * front * rear
     aside = (u + front * r) / speed
-    rolled, straight, bend, across, along = math.atan(aside), aside, 1.0, 1.0, speed
-    # Steering maps of cars by throttle were fitted with small angles; an angle in rad is meant as it is, backwards too.
-    if p[SPEED_GAIN] > 0.0 or not p[DRIVE] > 0.0:
-        angle *= min(max(v / SLOW, -1.0), 1.0)  # at rest wheels turn nothing
-        straight, bend, across, along = rolled, 1.0 / (1.0 + aside * aside), math.cos(angle), v
+    straight, bend = math.atan(aside), 1.0 / (1.0 + aside * aside)
+    angle *= min(max(v / SLOW, -1.0), 1.0)  # at rest wheels turn nothing
     w = share_of(p[SLIP_RELAXATION], dt * speed)
     f, b = (1.0 - w) * s[FRONT_SLIP], (1.0 - w) * s[REAR_SLIP]
-    cf = across * secant(front_grip, p[FRICTION_LIMIT] * share, f + w * (angle - rolled))
+    cf = math.cos(angle) * secant(front_grip, p[FRICTION_LIMIT] * share, f + w * (angle - straight))
     cr = secant(rear_grip, p[FRICTION_LIMIT] * (1.0 - share), b - w * math.atan((u - rear * r) / speed))
     f += w * (angle - straight + bend * aside)
     # Implicit in u and r, with the tyres' secants held: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with
     # slips a_f = f - w bend (u + front r) / speed, a_r = b - w (u - rear r) / speed.
     wf, wr = w * bend * cf / speed, w * cr / speed
     turn = front * wf - rear * wr
-    a11, a12 = 1.0 + dt * (wf + wr), dt * (turn + along)
+    a11, a12 = 1.0 + dt * (wf + wr), dt * (turn + v)
     a21, a22 = dt * turn / inertia, 1.0 + dt * (front * front * wf + rear * rear * wr) / inertia
     b1, b2 = u + dt * (cf * f + cr * b), r + dt * (front * cf * f - rear * cr * b) / inertia
     determinant = a11 * a22 - a12 * a21
@@ -198,7 +195,7 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     s[FRONT_SLIP] = f - w * bend * (s[SIDEWAYS] + front * s[TURNING]) / speed
     s[REAR_SLIP] = b - w * (s[SIDEWAYS] - rear * s[TURNING]) / speed
     if p[DRIVE] > 0.0:
-        held = s[PUSH] - cf * s[FRONT_SLIP] * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
+        held = s[PUSH] - cf * s[FRONT_SLIP] * math.tan(angle) + s[TURNING] * s[SIDEWAYS]
         s[SPEED] = ahead_or_back(p, s[SPEED] + dt * (pull(p, s) + held))
         v, rear = 0.5 * (v + p[WHEEL_SCALE] * s[SPEED]), 0.0
     middle_r = 0.5 * (r + s[TURNING])
@@ -206,6 +203,13 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     s[X] += dt * (v * math.cos(middle) - sideways * math.sin(middle))
     s[Y] += dt * (v * math.sin(middle) + sideways * math.cos(middle))
     s[HEADING] += dt * middle_r
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tracked_ahead(p: Array) -> float:
+    """How far (m) the tracked point lies before the one whose pose a state holds."""
+    on_tyres = p[DRIVE] > 0.0 and not p[TURNS] > 0.0
+    return p[POSE_AHEAD] + (p[WHEELBASE] * (p[POSE_AT] - p[WEIGHT_IN_FRONT]) if on_tyres else 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

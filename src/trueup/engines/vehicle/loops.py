@@ -19,7 +19,6 @@ from trueup.engines.vehicle.kernels import (
     HEADING_NOISE,
     LAGGED,
     LATENCY,
-    POSE_AHEAD,
     POSE_LEFT,
     POSE_TURN,
     POSITION_NOISE,
@@ -33,6 +32,7 @@ from trueup.engines.vehicle.kernels import (
     share_of,
     step_actuators,
     step_chassis,
+    tracked_ahead,
 )  # fmt: skip
 from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.tracking.channels import READ
@@ -41,9 +41,9 @@ from trueup.tracking.channels import READ
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep(p: Array, s: Array, out: Array) -> None:
     """What would be measured in a state: out (READ,), see `tracking.channels`."""
-    c, d = math.cos(s[HEADING]), math.sin(s[HEADING])
-    out[0] = s[X] + p[POSE_AHEAD] * c - p[POSE_LEFT] * d
-    out[1] = s[Y] + p[POSE_AHEAD] * d + p[POSE_LEFT] * c
+    ahead, aside, c, d = tracked_ahead(p), p[POSE_LEFT], math.cos(s[HEADING]), math.sin(s[HEADING])
+    out[0] = s[X] + ahead * c - aside * d
+    out[1] = s[Y] + ahead * d + aside * c
     out[2] = s[HEADING] - p[POSE_TURN]
     out[3], out[4] = s[SPEED], s[TURNING]
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,10 @@ _COMMANDS = {
 _SHARES = "mean and difference of what a left and a right wheel are told, as shares of the full command"
 _EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steering_rate_limit", 1.0)}
 """Quantities as files named them before: the name that they have now, and the factor to its value."""
+
+
+_MOVED = frozenset({"pose_ahead", "steering_bend"})
+"""Quantities of vehicles on tyres in whose place others are now, see `_on_tyres`."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +62,15 @@ def read_vehicle(path: str | Path) -> Vehicle:
             "on two driven wheels track = 0.23 (m between them)"
         )
     given = build(_VehicleFile, data["vehicle"], f"vehicle '{where}', [vehicle]", ModelError)
-    known = dict(_current(name, value) for name, value in given.values.items())
+    named = dict(_current(name, value) for name, value in given.values.items())
     wheels = None if given.track is None else Wheels(given.track, given.wheel_radius, given.counts_per_turn)
     wheelbase = _over(given, f"vehicle '{where}', [vehicle]")
     drive = (
         _DRIVES[given.drive or "turn"]
         if given.drive is not None or wheels is not None
-        else next((d for d in _DRIVES.values() if set(known) <= {q.name for q in DRIVES[d]}), "throttle")
+        else next((d for d in _DRIVES.values() if set(named) - _MOVED <= {q.name for q in DRIVES[d]}), "throttle")
     )
+    known = named if drive == TURNED else _on_tyres(named, drive, wheelbase)
     return Vehicle(
         name=where.stem if given.name is None else given.name, wheelbase=wheelbase, values=known, drive=drive,
         wheels=wheels, declared=given.drive is not None or wheels is not None, enabled_by=given.enabled_by,
@@ -122,6 +128,21 @@ def _sizes(vehicle: Vehicle) -> list[str]:
         "counts_per_turn": (vehicle.wheels.counts_per_turn, "of an encoder, for a turn of a wheel"),
     }
     return [f"{name} = {value!r}  # {about}" for name, (value, about) in sizes.items() if value]
+
+
+def _on_tyres(named: Mapping[str, float], drive: str, wheelbase: float) -> dict[str, float]:
+    """Values of a vehicle on tyres whose file may be of before the tracked point was told from the rear axle, and angles of
+    a car by throttle were angles: they were tangents, which are met at a full command.
+    """
+    known = {q.name: q.absent for q in DRIVES[drive]} | dict(named)
+    now = {n: v for n, v in named.items() if n not in _MOVED}
+    if "pose_ahead" in named:
+        now["pose_at"] = named["pose_ahead"] / wheelbase + known["weight_in_front"]
+    if "steering_bend" in named:
+        full = 0.5 * (known["steering_left"] + known["steering_right"])
+        left = 1.0 - named["steering_bend"]
+        now["steering_falloff"] = 1.0 - (math.atan(full * left) / full if drive == "throttle" else left)
+    return now
 
 
 def _current(name: str, value: float) -> tuple[str, float]:
