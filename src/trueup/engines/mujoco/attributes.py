@@ -14,7 +14,7 @@ from trueup.arrays import Array
 from trueup.articulated.inertia import from_principal, principal
 from trueup.engines.mujoco import gears
 from trueup.engines.mujoco.fields import Fields, FromNominal
-from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, contact_with, plane_of, turned
+from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, contact_with, plane_of, rules, turned
 from trueup.errors import unknown_name
 
 _JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -242,13 +242,12 @@ def _torque(m: mujoco.MjModel, actuator: int) -> float:
 _HEIGHT, _SLIDING = _field("geom_pos", 2), _field("geom_friction", 0)
 
 
-def _read_floor_height(a: MujocoAttributes, i: int) -> Array:
-    return _HEIGHT.read(a, i) if i >= 0 else np.zeros(1)
-
-
 def _read_floor_friction(a: MujocoAttributes, i: int) -> Array:
-    """Of what stands on the floor, whichever of both friction is; or what a floor would start with that the model lacks."""
-    return np.array([contact_with(a.model, i).friction[0] if i >= 0 else FLOOR_FRICTION])
+    """Of what stands on the floor, whichever of both friction is, until another is written; or of a floor that is added."""
+    if i < 0:
+        return np.array([FLOOR_FRICTION])
+    own, contact = _SLIDING.read(a, i), contact_with(a.model, i).friction[0]
+    return own if rules(a.model, i) else np.where(own == a.model.geom_friction[i, 0], contact, own)
 
 
 def _write_floor_tilt(a: MujocoAttributes, i: int, values: Array) -> None:
@@ -293,7 +292,7 @@ _ACCESS: Mapping[str, _Access] = {
     "geom.touches": _only(lambda m, i: float(m.geom_contype[i] or m.geom_conaffinity[i])),
     "world.step": _Access(lambda a, i: np.array([a.model.opt.timestep])),
     "world.gravity": _Access(lambda a, i: np.array(a.fields.expand("opt.gravity")), _write_gravity),
-    "world.floor_height": _Access(_read_floor_height, _HEIGHT.write),
+    "world.floor_height": _Access(lambda a, i: _HEIGHT.read(a, i) if i >= 0 else np.zeros(1), _HEIGHT.write),
     "world.floor_tilt": _Access(lambda a, i: np.array(a.relative.get(_TILT, np.zeros((1, 2)))), _write_floor_tilt),
     "world.floor_friction": _Access(_read_floor_friction, _SLIDING.write),
 }

@@ -68,12 +68,17 @@ def rule(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
     much as the plane or more, a smaller one of the plane would change nothing.
     """
     plane = plane_of(compiled)
-    others = [int(compiled.geom_priority[g]) for g in _touching(compiled, plane)]
-    if not others or int(compiled.geom_priority[plane]) > max(others):
+    if rules(compiled, plane):
         return
     geom, contact = next(g for g in spec.geoms if g.id == plane), contact_with(compiled, plane)
-    geom.priority, geom.friction, geom.condim = max(others) + 1, contact.friction, contact.condim
+    highest = max(int(compiled.geom_priority[g]) for g in _touching(compiled, plane))
+    geom.priority, geom.friction, geom.condim = highest + 1, contact.friction, contact.condim
     geom.solref, geom.solimp = contact.solref, contact.solimp
+
+
+def rules(m: mujoco.MjModel, plane: int) -> bool:
+    """Whether all contacts of a plane have its own friction."""
+    return all(m.geom_priority[plane] > m.geom_priority[g] for g in _touching(m, plane))
 
 
 def _touching(m: mujoco.MjModel, plane: int) -> list[int]:
