@@ -89,6 +89,28 @@ def test_torques_that_hold_the_weight_or_are_of_another_scale_leave_it(
     assert "gravity" not in [d.name for d in ready.diagnoses]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_where_weight_hardly_matters_nothing_is_said_of_it(tmp_path: Path, seed: int) -> None:
+    """Links that turn about an axis that is upright but for 0.2 mrad, whose drives have noise of 0.05 N m."""
+    level = PLAIN.replace('axis="0 1 0"', 'axis="0.0002 0 1"')
+    model, rng, rows, told = mujoco.MjModel.from_xml_string(level), np.random.default_rng(seed), [], np.zeros(2)
+    data, push = mujoco.MjData(model), np.zeros(2)
+    for k in range(2500):
+        if k % 5 == 0:
+            wanted = 0.5 * np.sin(np.array([2.2, 3.1]) * data.time)
+            told = np.array([60.0, 30.0]) * (wanted - data.qpos) - np.array([6.0, 3.0]) * data.qvel
+            rows.append([data.time, *(data.qpos + rng.normal(0.0, 1e-4, 2)), *told])
+            push = rng.normal(0.0, 0.05, 2)
+        data.ctrl[:] = told + push
+        mujoco.mj_step(model, data)
+    time, seen, torque = np.split(np.array(rows), [1, 3], axis=1)
+    ready, _ = _ready(tmp_path, level, Recording("log", {
+        "position": Channel("position", ("shoulder", "elbow"), "rad", time[:, 0], seen),
+        "command_torque": Channel("command_torque", ("m1", "m2"), "N m", time[:, 0], torque),
+    }))  # fmt: skip
+    assert "gravity" not in [d.name for d in ready.diagnoses]
+
+
 def test_a_refused_compensation_leaves_the_weight(tmp_path: Path) -> None:
     _, simulator = _ready(tmp_path, PLAIN, _log(held=True), refuse=["gravity"])
     assert not simulator.model.compiled.ngravcomp

@@ -11,19 +11,23 @@ from trueup.arrays import Array
 from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
+from trueup.evidence import evidence
 from trueup.recording import Recording
 from trueup.trial import command_of
 
 _EXPLAINED = 0.5
 """Of the torques' squares, at most, that may be left: beyond that neither a scale nor a weight is seen in them."""
+_STRETCHES = 8
+"""Of each joint's motion, whose unexplained torques speak for or against weight one by one."""
 
 
 def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     """The model with `gravcomp` at its bodies, where the motion is explained better by commanded torques without gravity.
 
     Many arms (Franka, Kinova, KUKA's LBR) hold their own weight and take commands on top of that. Both models get the
-    drives that fit them best, as `motors.drives_seen` does; what is left counts over all joints, each by the torque that it
-    was told. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing.
+    drives that fit them best, as `motors.drives_seen` does; what is left counts over stretches of all joints, each by the
+    torque that it was told, and must clearly be less (`trueup.evidence`): where weight hardly matters nothing is seen of
+    it. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing.
     """
     told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("N m", "N")]
     parts = known_torques(model, told)
@@ -35,8 +39,9 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
         if squares > 0.0:
             own, weight = [p for p, _ in known], np.concatenate([w for _, w in known])
             shares.append([_unexplained(own, dof, added) / squares for added in (0.0 * weight, weight)])
-    held, without = np.mean(shares, axis=0) if shares else (0.0, 0.0)
-    if not without < min(held, _EXPLAINED):
+    held, without = np.mean(shares, axis=0).sum(axis=1) if shares else (0.0, 0.0)
+    weighty, weightless = np.concatenate(shares, axis=1) if shares else np.zeros((2, 0))
+    if without >= _EXPLAINED or not evidence(weighty, weightless, weighty).holds:
         return model
     spec = model.spec.copy()
     for body in spec.bodies[1:]:
@@ -58,9 +63,10 @@ def _weight(model: Model, part: KnownTorque) -> Array:
     return held - free
 
 
-def _unexplained(parts: Sequence[KnownTorque], dof: int, added: Array) -> float:
-    """Squares that a drive leaves of what its motor gives beyond the rigid robot, `added` to that."""
+def _unexplained(parts: Sequence[KnownTorque], dof: int, added: Array) -> Array:
+    """(`_STRETCHES`,) squares that a drive leaves of what its motor gives beyond the rigid robot, `added` to that."""
     columns, extra, _ = pushes(parts, dof)
     columns[:, -1] = 0.0  # an offset would be the weight itself, where a link stays near level
     extra = extra + added
-    return float(np.sum(np.square(extra - columns @ of_a_drive(columns, extra))))
+    left = np.square(extra - columns @ of_a_drive(columns, extra))
+    return np.array([np.sum(part) for part in np.array_split(left, _STRETCHES)])
