@@ -48,6 +48,19 @@ def test_folders_in_a_folder_are_a_recording_each(tmp_path: Path, small_files: A
     assert [r.name for r in formats.read(tmp_path)] == ["a", "b", "c"]
 
 
+def test_notes_beside_recordings_are_none(tmp_path: Path, small_files: Any) -> None:
+    (tmp_path / "logs").mkdir()
+    for run in ("first", "second"):
+        small_files.write_csv(tmp_path / "logs" / f"{run}.csv")
+    notes = tmp_path / "logs" / "notes.txt"
+    notes.write_text("24 October, new battery.\nThe second drive was in the wet: 3 laps of 20 m.\n", encoding="utf-8")
+    assert [r.name for r in formats.read(tmp_path / "logs")] == ["first", "second"]
+    assert not formats.is_recording(notes)
+    plain = tmp_path / "logs" / "plain.txt"
+    plain.write_text("t q cmd\n" + "".join(f"{0.1 * k:.1f} {k % 3} {k % 5}\n" for k in range(20)), encoding="utf-8")
+    assert formats.is_recording(plain)
+
+
 def test_several_paths_are_read_in_their_order(tmp_path: Path, small_files: Any) -> None:
     paths = [small_files.write_json(tmp_path / "z.json"), small_files.write_csv(tmp_path / "a.csv")]
     assert [r.name for r in formats.read(paths)] == ["z", "a"]

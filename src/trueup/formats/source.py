@@ -38,6 +38,7 @@ _ELSEWHERE = {
     "PX4's ulog2csv makes CSV files of it, one for each topic": (".ulg",),
 }  # fmt: skip
 """What to do with files of other programs, and how their names end."""
+_DIGITS = re.compile(r"\d+(?:\.\d+)?")
 _NAME = re.compile(r"[A-Za-z_][\w./-]*")
 
 
@@ -80,7 +81,7 @@ def is_recording(path: Path) -> bool:
     """Whether a path may hold a recording, by its ending and what is beside it; a folder may where it has any."""
     if path.is_dir() and not rosbag.is_bag(path):
         return any(is_recording(entry) for entry in path.iterdir() if not entry.name.startswith("."))
-    return rosbag.is_bag(path) or (path.suffix.lower() in _READERS and not _is_note(path))
+    return rosbag.is_bag(path) or (path.suffix.lower() in _READERS and not _is_note(path) and not _is_prose(path))
 
 
 def checksums(paths: Sequence[Path]) -> dict[str, str]:
@@ -119,7 +120,7 @@ def _folder(path: Path, together: bool) -> list[Source]:
     readable = [e for e in entries if e.is_file() and (e.suffix.lower() in _READERS or rosbag.is_bag(e))]
     files = _without_notes(readable)
     names = {file: labels for file in files if (labels := _names_in(file))}
-    data = [file for file in files if file not in names]
+    data = [file for file in files if file not in names and not _is_prose(file)]
     if not data:
         below = [s for e in entries if e.is_dir() and not is_description(e) for s in _below(e, together)]
         if not below:
@@ -153,6 +154,19 @@ def _names_in(path: Path) -> tuple[str, ...]:
     except (UnicodeDecodeError, OSError):
         return ()
     return tuple(lines) if lines and all(_NAME.fullmatch(line) for line in lines) else ()
+
+
+def _is_prose(path: Path) -> bool:
+    """Whether a text file beside recordings holds sentences: at most two of its lines have two numbers, or are one."""
+    if path.suffix.lower() not in _TEXT or path.suffix.lower() in (".csv", ".tsv") or not path.is_file():
+        return False
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            begin = file.read(1 << 16)
+    except OSError:
+        return False
+    lines = [line.strip().lstrip("+-") for line in begin.splitlines()]
+    return sum(len(_DIGITS.findall(line)) > 1 or bool(_DIGITS.fullmatch(line)) for line in lines) < 3
 
 
 def _complement(tables: Sequence[Table]) -> bool:
