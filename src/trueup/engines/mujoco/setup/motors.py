@@ -32,6 +32,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id, rest
 from trueup.evidence import STANDARD_ERRORS
 from trueup.recording import Recording
+from trueup.rounding import TINY
 from trueup.trial import command_of
 
 _MOVES = 0.05
@@ -90,7 +91,7 @@ def pushes(parts: Sequence[KnownTorque], dof: int) -> tuple[Array, Array, Array]
 
 def of_a_drive(columns: Array, extra: Array) -> Array:
     """(4,) friction, damping and armature, none below zero, and an offset for what the rigid robot's gravity lacks."""
-    size = np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny)
+    size = np.maximum(np.abs(columns).max(axis=0), TINY)
     least = np.array([0.0, 0.0, 0.0, -np.inf])
     # of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution
     return lsq_linear(columns / size, extra, (least, np.full(4, np.inf)), method="bvls").x / size

@@ -75,10 +75,11 @@ class Edits:
     def weightless(self) -> None:
         """Bodies whose weight something else holds; the text has them in the model's order, with names or without."""
         changed = np.flatnonzero(np.abs(self._wanted.body_gravcomp - self._shipped.body_gravcomp) > NEGLIGIBLE)
-        if len(changed) and len(self._text.all("body")) != self._shipped.nbody - 1:
+        bodies = self._text.all("body")
+        if len(changed) and len(bodies) != self._shipped.nbody - 1:
             raise ModelError("its bodies are not all written out, so that none can be told to be without weight")
         for i in changed:
-            self._text.change(self._text.all("body")[i - 1], gravcomp=number(self._wanted.body_gravcomp[i]))
+            self._text.change(bodies[i - 1], gravcomp=number(self._wanted.body_gravcomp[i]))
 
     def gains(self, given_for: Mapping[str, float]) -> None:
         """For which setting of its servos the file holds, where recordings name several."""
@@ -209,8 +210,6 @@ class Edits:
         m, g = self._wanted, plane_of(self._wanted)
         name = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_GEOM, g) or ""
         lies = {"pos": numbers(m.geom_pos[g]), "quat": numbers(m.geom_quat[g]), "friction": numbers(m.geom_friction[g])}
-        rules = {"priority": str(m.geom_priority[g]), "condim": str(m.geom_condim[g]),
-                 "solref": numbers(m.geom_solref[g]), "solimp": numbers(m.geom_solimp[g])}  # fmt: skip
         if plane_of(self._shipped) < 0:
             new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
                    "contype": "1", "conaffinity": "1", **lies}  # fmt: skip
@@ -219,8 +218,9 @@ class Edits:
         elif not name:
             raise ModelError("the floor of this model is a plane without a name; give it one to have it calibrated")
         elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
-            new = {**lies, **{k: v for k, v in rules.items() if not self._same("geom", name, f"geom_{k}")}}
-            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **new})
+            rules = [k for k in ("priority", "condim", "solref", "solimp") if not self._same("geom", name, f"geom_{k}")]
+            ruled = {k: numbers(np.atleast_1d(getattr(m, f"geom_{k}")[g])) for k in rules}
+            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **lies, **ruled})
 
     def copied(self, family: str, field: str, attribute: str, name: str) -> None:
         """A field of MuJoCo's that an attribute of the element holds as it is."""
