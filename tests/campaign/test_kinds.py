@@ -12,7 +12,7 @@ from trueup.campaign.events import Calibrated
 from trueup.campaign.kinds import bicycle, in_windows, mujoco
 from trueup.campaign.outcomes import belief_of
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.errors import PlanError
+from trueup.errors import JournalError, PlanError
 from trueup.recording import Channel, Recording
 
 HOPPER = """
@@ -104,3 +104,13 @@ def test_a_calibration_of_an_earlier_simulator_is_believed_with_the_rest_as_decl
     known = dict(zip(space.names, belief.values, strict=True))
     assert (known["steering_lag"], known["steering_scale"], known["relaxation"]) == (0.2, 0.9, 0.0)
     assert [space.names[k] for k in belief.unsure] == ["steering_lag"]
+
+
+def test_a_calibration_of_what_a_simulator_no_longer_has_is_refused_with_its_names() -> None:
+    nan = float("nan")
+    event = Calibrated(
+        1, ("pose_ahead", "steering_lag"), ("m", "s"), (0.1, 0.2), (False, True), (nan, 0.1), (nan, 0.3),
+        ("frozen", "identified"), ((0.0025,),), 1.0, 0.1, "m", ("drive",),
+    )  # fmt: skip
+    with pytest.raises(JournalError, match="pose_ahead, which its simulator no longer has"):
+        belief_of(event, bicycle(0.5, parameters=("steering_lag",), values={}).parameters)

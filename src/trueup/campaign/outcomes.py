@@ -12,7 +12,7 @@ from trueup.calibration import Calibration, Lacked, pooled_rmse
 from trueup.campaign.events import Calibrated, Chosen, Generation, Row, Scored, Validated
 from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.plan import Transfer
-from trueup.errors import CalibrationError, TrialError
+from trueup.errors import CalibrationError, JournalError, TrialError
 from trueup.evidence import Evidence
 from trueup.loop.belief import Belief
 from trueup.loop.correction import Correction
@@ -61,7 +61,15 @@ def _earlier(last: Calibrated) -> Earlier:
 
 
 def belief_of(event: Calibrated, space: ParameterSpace) -> Belief:
-    """What a journaled calibration leaves to believe; parameters that its simulator had not yet are as declared."""
+    """What a journaled calibration leaves to believe; parameters that its simulator had not yet are as declared.
+
+    Raises JournalError for parameters that the simulator no longer has.
+    """
+    if gone := [name for name in event.names if name not in space.names]:
+        raise JournalError(
+            f"the campaign's last calibration found {', '.join(gone)}, which its simulator no longer has: another version of "
+            "trueup wrote it. Its model files are read; begin a new campaign with the last of them"
+        )
     values = {p.name: p.nominal for p in space.parameters} | dict(zip(event.names, event.values, strict=True))
     fitted = dict(zip(event.names, event.fitted, strict=True))
     verdicts = dict(zip(event.names, event.verdicts, strict=True))
