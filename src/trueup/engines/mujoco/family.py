@@ -14,6 +14,7 @@ import numpy as np
 from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.gains import Gains
+from trueup.articulated.inertial import with_inertial_units
 from trueup.articulated.model import servos
 from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.calibration import Calibration
@@ -63,7 +64,7 @@ _CHANGES = (
     ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
-    "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "heights",
+    "tendons", "names", "strangers", "spikes", "torques", "units", "sensors", "turns", "gains", "feedforward", "heights",
     "pauses", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -104,7 +105,8 @@ class Articulated(Family):
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """See Family: positions beyond what the model allows or far beside commands, and sensors in other units."""
-        units = in_other_units(model.sensors(), recordings)
+        recordings, told = with_inertial_units(recordings)
+        units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
         return (*beyond, *units, *far_beside(recordings), *at_other_voltages(recordings))
 
@@ -126,25 +128,15 @@ class Articulated(Family):
         named, forward = _edited(named, "feedforward", refuse, with_feedforward)
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
+        taken, measured = _edited(taken, "units", refuse, with_inertial_units)
         taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
         taken, heights = _edited(taken, "heights", refuse, lambda rs: on_the_floor(model, rs))
-        doubts = self.doubts(model, taken)
+        doubts = [said for said in self.doubts(model, taken) if said not in {note.evidence for note in measured}]
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
-        edits = (
-            *spikes,
-            *told,
-            *renamed,
-            *strange,
-            *steady,
-            *forward,
-            *changed,
-            *driving,
-            *sensing,
-            *turning,
-            *heights,
-        )
+        found = (spikes, told, renamed, strange, steady, forward, changed, driving, measured, sensing, turning, heights)
+        edits = (note for part in found for note in part)
         notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
