@@ -23,7 +23,7 @@ _FASTEST = 35.0
 """rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
 _COUNTS = 100.0  # times gravity in g: units that anyone uses are below, raw numbers of a converter are beyond
 _ACCELERATIONS = {"m/s^2": GRAVITY, "g0": 1.0, "mg": 1000.0}
-_RATES = {unit: 1.0 / to_si(unit)[1] for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
+RATES = {unit: 1.0 / to_si(unit)[1] for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
 _NAMES = {"g0": "g", "mg": "thousandths of g"}
 
 
@@ -37,8 +37,13 @@ class Together:
     """(3, 3) orthogonal: turns in the gyro's frame of those in the body's; a mirror where its determinant is -1."""
     fits: float
     """Correlation of both with these axes."""
-    sure: float
-    """Share of the second strongest direction in the turns: about one axis alone nothing tells the others."""
+    shares: Array
+    """(3,) of the strongest to the weakest direction in the turns: about one axis alone nothing tells the others."""
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether no way to mount it turns like that."""
+        return float(np.linalg.det(self.axes)) < 0.0
 
 
 def with_inertial_units(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -77,7 +82,7 @@ def together(gyro: Channel, orientation: Channel) -> Together | None:
     if sizes == 0.0:
         return None
     size = math.sqrt(float(np.sum(a**2) / np.sum(b**2)))
-    return Together(size, left @ right, float(strengths.sum() / sizes), float(strengths[1] / strengths.sum()))
+    return Together(size, left @ right, float(strengths.sum() / sizes), strengths / strengths.sum())
 
 
 def orientations(recording: Recording) -> dict[str, Channel]:
@@ -130,7 +135,7 @@ def _rate(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
     ]  # fmt: skip
     if seen:
         size = float(np.median([factor for factor, _ in seen]))
-        unit = nearest(size, _RATES)
+        unit = nearest(size, RATES)
         if unit:
             return (
                 unit,

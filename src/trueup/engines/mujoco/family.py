@@ -33,6 +33,7 @@ from trueup.engines.mujoco.setup.drives import (
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.footing import on_the_floor, without_lifts
 from trueup.engines.mujoco.setup.gravity import compensated
+from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
@@ -108,7 +109,8 @@ class Articulated(Family):
         recordings, told = with_inertial_units(recordings)
         units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
-        return (*beyond, *units, *far_beside(recordings), *at_other_voltages(recordings))
+        turned = mounted_otherwise(model, recordings)
+        return (*beyond, *units, *turned, *far_beside(recordings), *at_other_voltages(recordings))
 
     def suited(
         self,
