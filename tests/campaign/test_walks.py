@@ -14,11 +14,12 @@ from trueup.campaign.kinds import TASKS
 from trueup.campaign.making import made
 from trueup.campaign.plan import Component
 from trueup.chance import Buffeting
-from trueup.errors import ModelError, UnknownNameError
+from trueup.controllers.walk_engine.engine import sized
+from trueup.errors import ModelError, ParameterError, UnknownNameError
 from trueup.search.cma_es import CmaEs
 from trueup.studies.walk.scenes import LEFT, NAO, RIGHT, SIMSPARK, simulator
 from trueup.tasks.omni_walk import OmniWalk
-from trueup.tasks.walking import WalkFront
+from trueup.tasks.walking import AheadWalk, WalkFront
 
 
 def test_a_biped_walks_by_its_file_and_the_names_of_its_legs() -> None:
@@ -40,6 +41,28 @@ def test_lengths_among_the_start_values_are_in_proportion_to_the_legs() -> None:
     assert task.parameters["fwdOffset"].nominal == pytest.approx(-0.008 * legs, rel=1e-3)
     assert task.parameters["fwdOffset"].upper == pytest.approx(0.03 * legs, rel=1e-3)
     assert task.parameters["stepPeriod"].nominal == 0.51
+
+
+def test_shorter_legs_begin_with_quicker_steps() -> None:
+    space = sized(0.14)
+    assert space["stepPeriod"].nominal == pytest.approx(0.51 * np.sqrt(0.14 / 0.2029))
+    assert space["stepPeriod"].lower == pytest.approx(0.34 * np.sqrt(0.14 / 0.2029))
+
+
+def test_a_robot_that_steps_quicker_than_any_bound_has_all_paces_before_it() -> None:
+    walks = (trueup.walk(NAO, LEFT, RIGHT, course="line", nominal=n)[1] for n in ({"stepPeriod": 0.33}, {}))
+    quick, usual = (walk for walk in walks if isinstance(walk, AheadWalk))
+    assert quick.parameters["stepPeriod"].nominal == 0.33  # and not the 0.34 s of the bound
+    assert quick.grades().numbers.tolist() == usual.grades().numbers.tolist()
+
+
+@pytest.mark.parametrize(("name", "value", "says"), [
+    ("stepPeriod", 450.0, r"stepPeriod = 450 s is no start value of a walk: bipeds of this size have 0.34 to 0.8 s"),
+    ("stepPeriod", 0.0, "stepPeriod = 0 s"), ("gyro_hipRoll", 30.0, "gyro_hipRoll = 30"),
+])  # fmt: skip
+def test_a_start_value_that_no_walk_has_is_refused(name: str, value: float, says: str) -> None:
+    with pytest.raises(ParameterError, match=says):
+        trueup.walk(NAO, LEFT, RIGHT, nominal={name: value})
 
 
 def test_a_plan_names_the_walk_and_its_course() -> None:

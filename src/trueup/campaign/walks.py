@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, TypeVar
 from trueup.arrays import Array
 from trueup.chance import Buffeting, CommandNoise, Disturbance, Sensing
 from trueup.engines.simulator import Simulator
-from trueup.errors import ModelError, TrialError, unknown_name
+from trueup.errors import ModelError, ParameterError, TrialError, unknown_name
+from trueup.parameters import ParameterSpace
 
 if TYPE_CHECKING:
     from trueup.engines.mujoco.model import Model
@@ -62,7 +63,7 @@ COURSES = ("front", "line", "around")
 
 def walk(
     model: str | os.PathLike[str], left: Sequence[str], right: Sequence[str], *, step: float | None = None,
-    course: str = "front", **options: float,
+    course: str = "front", **options: float | Mapping[str, float] | None,
 ) -> tuple[Simulator, Walk]:  # fmt: skip
     """The simulator and the task of walking with a biped's MJCF: straight ahead ('front'), to a line ('line'), through a
     course of targets in all directions ('around').
@@ -72,7 +73,8 @@ def walk(
     accelerometer, mounted anyhow. `step` of integration in s (None: the model's own, at most 5 ms). Options as those of a
     plan's task 'walk' (see `task_of`).
 
-    Raises ModelError for what is missing or built otherwise, UnknownNameError for joints and courses that are not there.
+    Raises ModelError for what is missing or built otherwise, UnknownNameError for joints and courses that are not there,
+    ParameterError for start values that no walk has.
     """
     from trueup.engines.mujoco.model import load
     from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -113,12 +115,31 @@ def task_of(
         model, left, right, kinds[course], unrest=STILL if quiet else Unrest(), period=period, share=share,
         runs=runs, seed=seed, **own,
     )  # fmt: skip
-    if not nominal:
-        return made
-    values = made.parameters.nominal.copy()
-    for name, value in nominal.items():
-        values[made.parameters.index(name)] = value
-    return replace(made, parameters=made.parameters.with_nominal(values))
+    return replace(made, parameters=_begun_with(made.parameters, nominal or {}))
+
+
+def _begun_with(space: ParameterSpace, values: Mapping[str, float]) -> ParameterSpace:
+    """A walk's parameters with the start values that a robot walks with. Bounds hold these, and as much around them as around
+    the engine's own: cut by a bound a start value would be another, and bolder paces would be none.
+    """
+    begun = list(space.parameters)
+    for name, value in values.items():
+        p = begun[k := space.index(name)]
+        by = value / p.nominal if p.lower > 0.0 else 1.0
+        widest = (
+            (p.lower**2 / p.upper, p.upper**2 / p.lower)
+            if p.lower > 0.0
+            else (2 * p.lower - p.upper, 2 * p.upper - p.lower)
+        )
+        if not widest[0] <= value <= widest[1]:
+            raise ParameterError(
+                f"nominal: {name} = {value:g} {p.unit} is no start value of a walk: bipeds of this size have {p.lower:.3g} "
+                f"to {p.upper:.3g} {p.unit}, and as far again beyond is taken. Is it in {p.unit}?"
+            )
+        begun[k] = p.replace(
+            nominal=value, lower=min(p.lower, by * p.lower, value), upper=max(p.upper, by * p.upper, value)
+        )
+    return ParameterSpace(tuple(begun))
 
 
 def walking(

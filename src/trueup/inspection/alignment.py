@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
+from trueup.inspection.diagnosis import Diagnosis
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import NEGLIGIBLE
@@ -255,3 +256,16 @@ def _unexplained(recording: Recording, shift: float) -> float:
     slope = (told * moved).sum(axis=0) / np.maximum((told**2).sum(axis=0), NEGLIGIBLE)
     scale = np.maximum((moved**2).sum(axis=0), NEGLIGIBLE)
     return float(np.mean(((moved - slope * told) ** 2).sum(axis=0) / scale))
+
+
+def stamped_late(late: Mapping[str, float]) -> Diagnosis | None:
+    """Recordings whose commands are stamped by a clock of their own."""
+    if not late:
+        return None
+    shown = ", ".join(f"'{name}' {1e3 * seconds:+.0f} ms" for name, seconds in late.items())
+    return Diagnosis(
+        "clock",
+        f"commands are stamped late by more than any lag explains ({shown})",
+        "a clock of each is calibrated",
+        late,
+    )

@@ -27,7 +27,7 @@ def parted_at_pauses(recordings: Sequence[Recording]) -> tuple[list[Recording], 
     result, notes = [], []
     for recording in recordings:
         gaps = pauses(recording)
-        parts = _parts(recording, gaps) if gaps else []
+        parts = parts_between(recording, gaps) if gaps else []
         if not parts:
             result.append(recording)
             continue
@@ -74,8 +74,8 @@ def _leaps(command: Channel, gaps: Sequence[Gap]) -> Mask:
     return leaps
 
 
-def _parts(recording: Recording, gaps: Sequence[Gap]) -> list[Recording]:
-    """What lies before, between and behind the gaps, as recordings of their own."""
+def parts_between(recording: Recording, gaps: Sequence[Gap]) -> list[Recording]:
+    """What lies before, between and behind the gaps, as recordings of their own; none of fewer than `_FEWEST` samples."""
     begins = [recording.start, *(_resumed(recording, g.start + g.duration) for g in gaps)]
     ends = [*(g.start for g in gaps), recording.stop]
     position = _known(recording.channel("position"))

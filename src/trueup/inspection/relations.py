@@ -11,7 +11,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.noise import estimate_noise
 
-_CORRELATED = 0.9
+CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
 _TOLERANCE = 0.12
 """Relative, of a factor: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
@@ -28,7 +28,7 @@ def factor(values: Array, reference: Array) -> float | None:
         return None
     x, y = reference[good] - reference[good].mean(), values[good] - values[good].mean()
     sizes, together = float(np.sqrt(np.sum(x**2) * np.sum(y**2))), float(np.sum(x * y))
-    if sizes == 0.0 or abs(together) / sizes < _CORRELATED:
+    if sizes == 0.0 or abs(together) / sizes < CORRELATED:
         return None
     return float(np.sign(together) * np.sqrt(np.sum(y**2) / np.sum(x**2)))
 

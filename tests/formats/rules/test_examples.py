@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from trueup import formats
-from trueup.formats.rules import bases, families, joints, vehicles, wheels
+from trueup.formats.rules import bases, coherence, families, joints, vehicles, wheels
 from trueup.formats.rules.rule import Example, Rule
 
 RULES = {"joints": joints.RULES, "vehicles": vehicles.RULES, "bases": bases.RULES}
@@ -20,7 +20,11 @@ CASES = [
     for k, example in enumerate(rule.examples)
 ] + [
     pytest.param(None, example, id=f"{dialect}-{k}")
-    for dialect, examples in {"families": families.EXAMPLES, "wheels": wheels.EXAMPLES}.items()
+    for dialect, examples in {
+        "families": families.EXAMPLES,
+        "wheels": wheels.EXAMPLES,
+        "sensors": coherence.EXAMPLES,
+    }.items()
     for k, example in enumerate(examples)
 ]
 

@@ -14,6 +14,7 @@ import numpy as np
 from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.gains import Gains
+from trueup.articulated.inertial import with_inertial_units
 from trueup.articulated.model import servos
 from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.calibration import Calibration
@@ -21,9 +22,18 @@ from trueup.engines.family import Family, Note, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, free_joint, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.drives import by_the_only_joint, driven, suited, torques_as_commands, undriven
+from trueup.engines.mujoco.setup.drives import (
+    by_the_only_joint,
+    check_joints,
+    driven,
+    suited,
+    torques_as_commands,
+    undriven,
+)
 from trueup.engines.mujoco.setup.floor import reach_of
+from trueup.engines.mujoco.setup.footing import on_the_floor, without_lifts
 from trueup.engines.mujoco.setup.gravity import compensated
+from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
@@ -33,7 +43,7 @@ from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_bod
 from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
-from trueup.errors import unknown_name
+from trueup.inspection.alignment import stamped_late
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.feedforward import with_feedforward
 from trueup.inspection.floor import stopped_by_floor
@@ -44,7 +54,7 @@ from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
 from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
-from trueup.inspection.strangers import several_robots, without_strangers
+from trueup.inspection.strangers import without_strangers
 from trueup.inspection.turns import without_wraps
 from trueup.inspection.zeros import far_beside, zeros_off
 from trueup.recording import Recording
@@ -55,8 +65,8 @@ _CHANGES = (
     ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
-    "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "pauses",
-    *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+    "tendons", "names", "strangers", "spikes", "torques", "units", "sensors", "turns", "gains", "feedforward", "heights",
+    "pauses", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 
@@ -96,9 +106,11 @@ class Articulated(Family):
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """See Family: positions beyond what the model allows or far beside commands, and sensors in other units."""
-        units = in_other_units(model.sensors(), recordings)
+        recordings, told = with_inertial_units(recordings)
+        units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
-        return (*beyond, *units, *far_beside(recordings), *at_other_voltages(recordings))
+        turned = mounted_otherwise(model, recordings)
+        return (*beyond, *units, *turned, *far_beside(recordings), *at_other_voltages(recordings))
 
     def suited(
         self,
@@ -118,12 +130,15 @@ class Articulated(Family):
         named, forward = _edited(named, "feedforward", refuse, with_feedforward)
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
+        taken, measured = _edited(taken, "units", refuse, with_inertial_units)
         taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
-        doubts = self.doubts(model, taken)
-        fitted, pauses = _edited(taken[: len(training)], "pauses", refuse, parted_at_pauses)
-        judged, others_pauses = _edited(taken[len(training) :], "pauses", refuse, parted_at_pauses)
-        edits = (*spikes, *told, *renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning)
+        taken, heights = _edited(taken, "heights", refuse, lambda rs: on_the_floor(model, rs))
+        doubts = [said for said in self.doubts(model, taken) if said not in {note.evidence for note in measured}]
+        fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
+        judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
+        found = (spikes, told, renamed, strange, steady, forward, changed, driving, measured, sensing, turning, heights)
+        edits = (note for part in found for note in part)
         notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
@@ -132,7 +147,7 @@ class Articulated(Family):
     ) -> tuple[Any, tuple[Note, ...]]:
         """See Family. A model without actuators gets servos or motors for the joints that the recordings command."""
         everything = (*training, *replayed)
-        _check_joints(model, everything)
+        check_joints(model, everything)
         loaded, found, given, drives, guessed = model.notes, [], model, None, False
         for name, change in _CHANGES:
             changed = change(model, everything)
@@ -246,7 +261,7 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
     reach, refuse = reach_of(model), request.refuse
     seen = (None if reach is None else stopped_by_floor(reach, training),
             zeros_off(training, moving_joints(model, training)))  # fmt: skip
-    found = {d.name: d.unless(refuse) for d in (*seen, _clocks(request.clocks)) if d is not None}
+    found = {d.name: d.unless(refuse) for d in (*seen, stamped_late(request.clocks)) if d is not None}
     height = found["floor"].numbers["height"] if "floor" in found and not found["floor"].refused else None
     ranges = {joint: way.range or (-np.inf, np.inf) for joint, way in ways(model).items()}
     if "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
@@ -255,19 +270,6 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
     clocks = {} if "clock" in refuse else request.clocks
     lines = propose(model, training, clocks, height, request.beyond_mjcf, stopped)
     return [line for line in lines if line.quantity != "zero" or "zero" not in refuse], list(found.values())
-
-
-def _clocks(late: Mapping[str, float]) -> Diagnosis | None:
-    """Recordings whose commands are stamped by a clock of their own."""
-    if not late:
-        return None
-    shown = ", ".join(f"'{name}' {1e3 * seconds:+.0f} ms" for name, seconds in late.items())
-    return Diagnosis(
-        "clock",
-        f"commands are stamped late by more than any lag explains ({shown})",
-        "a clock of each is calibrated",
-        late,
-    )
 
 
 def _edited(
@@ -280,17 +282,10 @@ def _edited(
     return (list(recordings) if name in refuse else edited), found
 
 
-def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:
-    """Raises UnknownNameError for a joint that the model does not have, and says how to rename it."""
-    joints, file = model.scalar_joints(), model.path.name
-    for recording in recordings:
-        if recording.has("position"):
-            labels = recording.channel("position").labels
-            left = [j for j in joints if j not in labels]
-            for label in labels:
-                if label not in joints:
-                    raise unknown_name(
-                        "joint", label, left or joints,
-                        f"model '{file}' (recording '{recording.name}', channel 'position'; rename it in the mapping's "
-                        f"[joints]: `trueup inspect RECORDINGS --model {file}` proposes{several_robots(labels, joints)})",
-                    )  # fmt: skip
+def _in_parts(
+    model: Model, recordings: Sequence[Recording], refuse: Collection[str]
+) -> tuple[list[Recording], list[Diagnosis]]:
+    """Recordings without what cannot be replayed: where nothing was logged, where the robot was held in the air."""
+    parts, pauses = _edited(recordings, "pauses", refuse, parted_at_pauses)
+    parts, lifts = _edited(parts, "lifts", refuse, lambda rs: without_lifts(model, rs))
+    return parts, [*pauses, *lifts]

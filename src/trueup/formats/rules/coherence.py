@@ -11,12 +11,33 @@ import numpy as np
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import of_place
 from trueup.formats.rules.names import AXES, axes, words
-from trueup.formats.rules.rule import Column
+from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
 
 _OF_ANY_DRIVE = frozenset(
     ["joint", "joints", "axis", "motor", "dof", "actuator", "servo", "drive", "robot", "arm", "a", "j"]
 )
+
+
+EXAMPLES = (
+    Example("t,q_hip,q_cmd_hip,acc_x_m/s2,acc_y_m/s2,acc_z_m/s2,gyro_x_rad/s,gyro_y_rad/s,gyro_z_rad/s",
+            "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
+            "command[rad] hip; position[rad] hip; acc[m/s^2] x y z; gyro[rad/s] x y z"),
+    Example("t,q_hip,q_cmd_hip,accel_x_g,accel_y_g,accel_z_g,GyrX,GyrY,GyrZ",
+            "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
+            "position[rad] hip; accel_g[] x y z; gyr[] x y z"),
+    Example("t,q_hip,q_cmd_hip,ax,ay,az,gx_dps,gy_dps,gz_dps",
+            "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
+            "position[rad] hip; acc[] x y z; gyro[deg/s] x y z"),
+    # Gravity alone, as some log it, is no gyro.
+    Example("t,q_hip,q_cmd_hip,gx,gy,gz", "0 .1 .2 0 0 9|.01 .2 .3 0 0 9|.02 .3 .4 0 1 9", "position[rad] hip; gx[] gx"),
+    # Slides along x, y and z are joints.
+    Example("t,pos_x,pos_y,pos_z,cmd_x,cmd_y,cmd_z,vel_x,vel_y,vel_z",
+            "0 .1 .2 .1 .1 .2 .1 1 1 1|.01 .2 .3 .2 .2 .3 .2 1 1 2|.02 .3 .4 .3 .4 .4 .3 2 1 1",
+            "command[rad] x y z; position[rad] x y z; velocity[rad/s] x y z"),
+)  # fmt: skip
+_OF_SENSORS = ("velocity", "acceleration", "torque")
+_PLACES = frozenset("xyz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +63,9 @@ def own(column: Column) -> Proposal:
 
 
 def own_words(column: Column) -> list[str]:
-    """The words of a column's name; of an axis with a unit (X_mm) the axis alone."""
+    """The words of a column's name, without the unit behind an axis (X_mm, gyro_x_dps)."""
     bare = column.parts.bare
-    return bare if bare and AXES.issuperset(bare) else column.parts.words
+    return bare if bare and (AXES.issuperset(bare) or bare[-1] in _PLACES) else column.parts.words
 
 
 def without_other_signals(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -64,19 +85,33 @@ def without_other_signals(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor or tool.
+    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor or tool, also
+    those along x, y and z of one thing (gyro_x_rad/s, gyro_y_rad/s, gyro_z_rad/s).
 
     Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
     """
     labels = {p.label for p in proposals if p.role in ("position", "command", "command_sent")}
+    along: dict[tuple[str, ...], set[str]] = {}
+    for p in proposals:
+        if p.role in _OF_SENSORS and p.label not in labels:
+            thing, axis = _along(p.label)
+            along.setdefault(thing, set()).update(axis)
+    wholes = {thing for thing, axis in along.items() if axis == _PLACES}
     names = {p.column.name.lower() for p in proposals}
     found = []
     for p in proposals:
         pushes = p.role == "command_torque" and p.unit == "N"
-        sensor = (pushes or p.role in ("velocity", "acceleration", "torque")) and p.label in AXES - labels
+        whole = p.label not in labels and _along(p.label)[0] in wholes
+        sensor = (pushes or p.role in _OF_SENSORS) and (p.label in AXES - labels or whole)
         heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
         found.append(own(p.column) if sensor or heads else p)
     return found
+
+
+def _along(label: str) -> tuple[tuple[str, ...], frozenset[str]]:
+    """The words of a label without x, y and z, and which of these it has."""
+    plain = words(label)
+    return tuple(word for word in plain if word not in _PLACES), _PLACES & frozenset(plain)
 
 
 def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:

@@ -47,6 +47,7 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
         **{(w,): w for w in ("rpm", "mph", "m", "cm", "mm", "km", "rad", "mrad", "deg", "rev")},
         **dict.fromkeys((("kmh",), ("kph",), ("kmph",)), "km/h"), ("mps",): "m/s", ("ms",): "ms",
         ("mmps",): "mm/s", ("cmps",): "cm/s",
+        **dict.fromkeys((("m", "s2"), ("m", "s^2"), ("ms2",), ("mps2",)), "m/s^2"),
         **dict.fromkeys((("rads",), ("radps",)), "rad/s"), **dict.fromkeys((("dps",), ("degs",), ("degps",)), "deg/s"),
         **dict.fromkeys((("degrees",), ("degree",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
         ("rev", "s"): "rev/s", ("rps",): "rev/s",
@@ -76,6 +77,8 @@ the gains of a drive (a joint has damping, too). And what they mean then.
 """
 _OBJECT = re.compile(r"(?<![A-Za-z0-9])(?:0x60[0-9A-Fa-f]{2}|60[0-9A-Fa-f]{2}h)(?![A-Za-z0-9])_?")
 """What a drive on a bus calls its objects (CiA 402): 6064h_position_actual, 0x607A_target_position."""
+_SIX = tuple(re.compile(rf"(?<![A-Za-z]){letter}([xyz])(?![A-Za-z])", re.I) for letter in ("a", "[gw]"))
+"""Axes of an accelerometer and of a gyro, each a word."""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
 
 _EFFORTS = listed("torque torques trq tau moment effort efforts current currents")
@@ -138,6 +141,7 @@ def _tail(text: str, spans: Sequence[tuple[str, int, int]]) -> tuple[str, range]
         if unit == "N" and text[pieces[-1][1]] != "N":  # a small n counts
             continue
         if unit and len(pieces) > count:
+            last = len(spans) if pieces[-1][0].endswith("2") else last  # of m/s2, and no index
             return unit, range(next(i for i, span in enumerate(spans) if span[1] >= pieces[-count][1]), last)
     camel = spans[last - 1][0] if last > 1 else ""
     unit = _TAILS.get((camel,), "") if len(camel) > 2 else ""  # jointAngleDeg
@@ -162,8 +166,31 @@ def with_actual(names: Sequence[str]) -> dict[str, str]:
     read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
     for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
         read = _in_pairs(read, words_of_pair, meant)
+    read = _inertial(read)
     acted = _acted(list(read.values()))
     return {name: acted[as_read] for name, as_read in read.items()}
+
+
+def _inertial(read: dict[str, str]) -> dict[str, str]:
+    """Names in which ax, ay, az beside gx, gy, gz (or wx, wy, wz) are an accelerometer's axes and a gyro's: all
+    six, behind the same words.
+    """
+    whole: list[set[str]] = []
+    for word in _SIX:
+        seen: dict[str, set[str]] = {}
+        for match in filter(None, map(word.search, read.values())):
+            seen.setdefault(match.string[: match.start()].lower(), set()).add(match[1].lower())
+        whole.append({head for head, along in seen.items() if along == {"x", "y", "z"}})
+    heads = whole[0] & whole[1]
+
+    def as_sensor(name: str) -> str:
+        for word, sensor in zip(_SIX, ("acc", "gyro"), strict=True):
+            match = word.search(name)
+            if match and match.string[: match.start()].lower() in heads:
+                return word.sub(rf"{sensor}_\1", name)
+        return name
+
+    return {name: as_sensor(as_read) for name, as_read in read.items()}
 
 
 def _acted(names: Sequence[str]) -> dict[str, str]:

@@ -13,7 +13,8 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.servos import add_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor
-from trueup.errors import ModelError, RecordingError, TrueupError
+from trueup.errors import ModelError, RecordingError, TrueupError, unknown_name
+from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS, ENABLED, command_of, drives_off
@@ -186,3 +187,19 @@ def _check(model: Model, recording: Recording) -> None:
                 f"{where}, but model '{model.path.name}' has position servos at {', '.join(servos)}: give it <motor> "
                 "actuators, or log the commanded positions as 'command'"
             )
+
+
+def check_joints(model: Model, recordings: Sequence[Recording]) -> None:
+    """Raises UnknownNameError for a joint that the model does not have, and says how to rename it."""
+    joints, file = model.scalar_joints(), model.path.name
+    for recording in recordings:
+        if recording.has("position"):
+            labels = recording.channel("position").labels
+            left = [j for j in joints if j not in labels]
+            for label in labels:
+                if label not in joints:
+                    raise unknown_name(
+                        "joint", label, left or joints,
+                        f"model '{file}' (recording '{recording.name}', channel 'position'; rename it in the mapping's "
+                        f"[joints]: `trueup inspect RECORDINGS --model {file}` proposes{several_robots(labels, joints)})",
+                    )  # fmt: skip

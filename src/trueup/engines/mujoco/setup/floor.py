@@ -27,7 +27,13 @@ class Reach:
 
     def __init__(self, model: Model) -> None:
         compiled = model.compiled
-        self._model, self._data = compiled, mujoco.MjData(compiled)
+        self.model, self._data = compiled, mujoco.MjData(compiled)
+        free = np.flatnonzero(compiled.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+        self._base = int(compiled.jnt_qposadr[free[0]]) if len(free) else 0
+        plane = plane_of(compiled)
+        mujoco.mj_kinematics(compiled, self._data)
+        self._up = self._data.geom_xmat[plane, 2::3].copy() if plane >= 0 else np.array([0.0, 0.0, 1.0])
+        self._floor = float(self._up @ self._data.geom_xpos[plane]) if plane >= 0 else 0.0
         self.joints = model.scalar_joints()
         self._address = {j: int(compiled.jnt_qposadr[model.index("joint", j)]) for j in self.joints}
         self.clouds = [
@@ -37,19 +43,23 @@ class Reach:
             and compiled.body_weldid[compiled.geom_bodyid[g]] != 0
         ]
 
-    def lowest(self, labels: Sequence[str], poses: Array) -> Array:
-        """(T,) height of the lowest point in m at positions (T, k) of these joints."""
-        data, found = self._data, np.empty(len(poses))
+    def lowest(self, labels: Sequence[str], poses: Array, bases: Array | None = None) -> Array:
+        """(T,) height of the lowest point in m, over the plane if there is one, at positions (T, k) of these joints, with a
+        free base at `bases` (T, 7): x, y, z in m and a quaternion.
+        """
+        data, up, found = self._data, self._up, np.empty(len(poses))
         address = [self._address[label] for label in labels]
         for i, pose in enumerate(poses):
-            data.qpos[:] = self._model.qpos0
+            data.qpos[:] = self.model.qpos0
             data.qpos[address] = pose
-            mujoco.mj_kinematics(self._model, data)
+            if bases is not None:
+                data.qpos[self._base : self._base + 7] = bases[i]
+            mujoco.mj_kinematics(self.model, data)
             found[i] = min(
-                float((points @ data.geom_xmat[g, 6:9]).min() + data.geom_xpos[g, 2] - radius)
+                float((points @ (up @ data.geom_xmat[g].reshape(3, 3))).min() + up @ data.geom_xpos[g] - radius)
                 for g, points, radius in self.clouds
             )
-        return found
+        return found - self._floor
 
 
 def _points(m: mujoco.MjModel, geom: int) -> tuple[Array, float]:

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inertial units in whatever unit: gravity tells that of an accelerometer, an orientation beside it that of a gyro."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.articulated.pose import ANGLES, AXES, QUATERNION, quaternion_of
+from trueup.inspection.relations import CORRELATED, nearest
+from trueup.inspection.sensors import is_accelerometer, is_gyro
+from trueup.recording import Channel, Recording
+from trueup.samples import between, is_unit
+from trueup.units import GRAVITY, to_si
+
+_CALM = 1.0  # s over which steps and pushes average out, and gravity stays
+_TURN = 0.2  # s over which turns are compared: noise of an orientation is small beside them, and no gait is as quick
+_FASTEST = 35.0
+"""rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
+_COUNTS = 100.0  # times gravity in g: units that anyone uses are below, raw numbers of a converter are beyond
+_ACCELERATIONS = {"m/s^2": GRAVITY, "g0": 1.0, "mg": 1000.0}
+RATES = {unit: 1.0 / to_si(unit)[1] for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
+_NAMES = {"g0": "g", "mg": "thousandths of g"}
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """How turns (T, 3) by a gyro go with those by an orientation."""
+
+    factor: float
+    """How many times as large they are."""
+    axes: Array
+    """(3, 3) orthogonal: turns in the gyro's frame of those in the body's; a mirror where its determinant is -1."""
+    fits: float
+    """Correlation of both with these axes."""
+    shares: Array
+    """(3,) of the strongest to the weakest direction in the turns: about one axis alone nothing tells the others."""
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether no way to mount it turns like that."""
+        return float(np.linalg.det(self.axes)) < 0.0
+
+
+def with_inertial_units(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings whose accelerometers and gyros of an unknown unit are in SI where numbers tell it, and notes."""
+    notes, result = list[str](), list(recordings)
+    names = dict.fromkeys(name for r in recordings for name, c in r.channels.items() if _is_open(c))
+    for name in names:
+        of = [r for r in recordings if name in r.channels and _is_open(r.channels[name])]
+        unit, why = _acceleration(name, of) if is_accelerometer(of[0].channels[name]) else _rate(name, of)
+        notes += [f"{name}: {'unit unknown; ' * (not unit)}{why}"] if why else []
+        if unit:
+            si, factor = ("m/s^2", GRAVITY / _ACCELERATIONS[unit]) if unit in _ACCELERATIONS else to_si(unit)[:2]
+            result = [_scaled(r, name, si, factor) if name in r.channels else r for r in result]
+    return result, notes
+
+
+def together(gyro: Channel, orientation: Channel) -> Together | None:
+    """How a gyro's turns go with those of a quaternion w, x, y, z; None where either hardly turns."""
+    good = np.isfinite(gyro.values).all(axis=1)
+    time = np.arange(
+        max(gyro.time[0], orientation.time[0]), min(gyro.time[-1], orientation.time[-1]) - _TURN, 0.5 * _TURN
+    )
+    if np.count_nonzero(good) < 3 or len(time) < 20:
+        return None
+    values = gyro.values[good] - np.median(gyro.values[good], axis=0)
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(gyro.time[good])[:, None]
+    angles = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    by_gyro = between(time + _TURN, gyro.time[good], angles) - between(time, gyro.time[good], angles)
+    by_pose = _turns(orientation, time)
+    known = np.isfinite(by_pose).all(axis=1)
+    if np.count_nonzero(known) < 20:
+        return None
+    a, b = (x[known] - np.median(x[known], axis=0) for x in (by_gyro, by_pose))
+    left, strengths, right = np.linalg.svd(a.T @ b)
+    sizes = math.sqrt(float(np.sum(a**2) * np.sum(b**2)))
+    if sizes == 0.0:
+        return None
+    size = math.sqrt(float(np.sum(a**2) / np.sum(b**2)))
+    return Together(size, left @ right, float(strengths.sum() / sizes), strengths / strengths.sum())
+
+
+def orientations(recording: Recording) -> dict[str, Channel]:
+    """Its orientations as quaternions w, x, y, z, by their channels' names."""
+    found = {}
+    for name, c in recording.channels.items():
+        if set(c.labels) == set(ANGLES) and c.unit == "rad":
+            found[name] = c.replace(labels=QUATERNION, unit="", values=quaternion_of(c.select(ANGLES).values))
+        elif set(c.labels) == set(QUATERNION) and is_unit(c.values[np.isfinite(c.values).all(axis=1)]):
+            found[name] = c.select(QUATERNION)
+    return found
+
+
+def _is_open(channel: Channel) -> bool:
+    of_sensor = is_accelerometer(channel) or is_gyro(channel.name)
+    return (
+        of_sensor and not channel.unit and not channel.units and tuple(x[-1:] for x in sorted(channel.labels)) == AXES
+    )
+
+
+def _acceleration(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
+    """The unit of an accelerometer ('' if unknown), and why: what stays of it over a second is gravity."""
+    seen = float(np.median(np.concatenate([_calm(r.channels[name]) for r in recordings])))
+    unit = nearest(seen, _ACCELERATIONS)
+    if unit:
+        return (
+            unit,
+            f"taken as {_NAMES.get(unit, unit)}, as {seen:.4g} stays over a second, which is gravity; say so if not",
+        )
+    if seen > _COUNTS:
+        return (
+            "",
+            f'{seen:.5g} stays over a second. If that is gravity, give unit = "m/s^2", scale = {GRAVITY / seen:.5g}',
+        )
+    return "", f"{seen:.3g} stays over a second, which is gravity in no unit: is it without gravity?"
+
+
+def _calm(channel: Channel) -> Array:
+    """(n,) lengths of an accelerometer's mean over stretches of a second; (1,) over all of a shorter one."""
+    pieces = np.floor((channel.time - channel.time[0]) / _CALM).astype(int)
+    means = [np.nanmean(channel.values[pieces == k], axis=0) for k in np.unique(pieces)]
+    return np.linalg.norm(means, axis=1)
+
+
+def _rate(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
+    """The unit of a gyro ('' if unknown), and why."""
+    seen = [
+        (found.factor, other) for r in recordings for other, c in orientations(r).items()
+        if (found := together(r.channels[name], c)) is not None and found.fits > CORRELATED
+    ]  # fmt: skip
+    if seen:
+        size = float(np.median([factor for factor, _ in seen]))
+        unit = nearest(size, RATES)
+        if unit:
+            return (
+                unit,
+                f"taken as {unit}, as it turns {size:.3g} times as far as '{seen[0][1]}' does in rad; say so if not",
+            )
+        return "", f"it turns {size:.3g} times as far as '{seen[0][1]}' does in rad"
+    largest = max(float(np.nanmax(np.abs(r.channels[name].values), initial=0.0)) for r in recordings)
+    if largest > _FASTEST:
+        return (
+            "deg/s",
+            f"taken as deg/s, as it reaches {largest:.4g}, and gyros of robots {_FASTEST:g} rad/s; say so if not",
+        )
+    return "", ""
+
+
+def _scaled(recording: Recording, name: str, unit: str, factor: float) -> Recording:
+    channel = recording.channels[name]
+    return recording.with_channel(channel.replace(unit=unit, values=factor * channel.values))
+
+
+def _turns(orientation: Channel, time: Array) -> Array:
+    """(n, 3) rotation vectors in rad, in the body's frame, from each instant to `_TURN` later."""
+    q = orientation.values / np.linalg.norm(orientation.values, axis=1, keepdims=True)
+    # From one sample to the next a quaternion may change its sign, which is the same orientation.
+    signs = np.cumprod(np.concatenate([[1.0], np.where(np.nansum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)]))
+    good = np.isfinite(q).all(axis=1)
+    first, second = (between(t, orientation.time[good], (q * signs[:, None])[good]) for t in (time, time + _TURN))
+    w = np.sum(first * second, axis=1)
+    v1, v2 = first[:, 1:], second[:, 1:]
+    vector = first[:, :1] * v2 - second[:, :1] * v1 - np.cross(v1, v2)
+    vector = np.where(w[:, None] < 0.0, -vector, vector)
+    size = np.linalg.norm(vector, axis=1)
+    angle = 2.0 * np.arctan2(size, np.abs(w))
+    return vector * (np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0))[:, None]

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the poses measured of a free base put the robot on the model's floor: frames of the log, and who lifted it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
+from trueup.engines.mujoco.base import floating, free_joint
+from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.floor import Reach
+from trueup.inspection.inspection import Gap
+from trueup.inspection.pauses import parts_between
+from trueup.recording import Recording
+from trueup.units import GRAVITY
+
+_BEYOND = 0.05
+"""m beside the floor: within it the floor's height is calibrated (the bounds of floor_height)."""
+_MOSTLY = 0.1
+"""Share of a run by whose lowest points the floor is known: whatever hops, is lifted or falls touches it that long."""
+_RATE = 50.0  # Hz at which poses are looked at
+_FEWEST = 5
+"""Poses off the floor that tell whether the robot flies: in 0.1 s what falls is 5 cm away from what goes straight on."""
+_LIES, _STANDS = 0.5, 0.87  # cosines of what an upright base leans: more than 60 degrees, less than 30
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""From a frame whose y points up to one whose z does: x, -z, y."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """Where a robot was at instants (T,) in s: heights of its lowest point over the floor and of its base in m."""
+
+    time: Array
+    heights: Array
+    base: Array
+    upright: float
+    """Cosine of what its base leant beside the model's first keyframe or reference pose, in the median."""
+
+    @property
+    def floor(self) -> float:
+        """Height over the model's floor at which the robot stood, in m."""
+        return float(np.quantile(self.heights, _MOSTLY))
+
+
+def on_the_floor(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings whose poses of a free base are in the model's frame: z up, the floor where the robot stands; and notes.
+
+    Where every pose of a recording is far over the floor or below it, heights are counted from elsewhere. Those of recordings
+    that agree, as far as the floor's height is calibrated, are changed by the same. As they are where the model has no
+    free base, or stands on something else than a plane.
+    """
+    reach, result, notes = _reach(model, recordings), list(recordings), []
+    if reach is None:
+        return result, notes
+    turned = [k for k, r in enumerate(result) if _has_y_up(reach, r)]
+    for k in turned:
+        result[k] = _z_up(result[k])
+    if turned:
+        notes.append(
+            f"in {', '.join(result[k].name for k in turned)} the base lies on its side, and stands if y points up, as motion "
+            f"capture often has it: x, y, z of {POSITION} are taken as x, -z, y, and {ORIENTATION} is turned likewise"
+        )
+    seen = {k: poses.floor for k, r in enumerate(result) if (poses := _poses(reach, r)) is not None}
+    if not any(abs(height) > _BEYOND for height in seen.values()):
+        return result, notes
+    middle = float(np.median(list(seen.values())))
+    alike = all(abs(height - middle) <= _BEYOND for height in seen.values())
+    moved = {k: middle if alike else h for k, h in seen.items() if alike or abs(h) > _BEYOND}
+    for k, height in moved.items():
+        result[k] = _moved(result[k], (0.0, 0.0, -height))
+    said = ", ".join(f"{result[k].name} {seen[k]:+.3f} m" for k in moved)
+    notes.append(
+        f"by {POSITION} the lowest point of the robot is never at the model's floor ({said}; is its origin another point of "
+        "the robot, or the frame's not on the floor?): heights are taken so that the robot stands on it. If it hung, leave "
+        "the pose out"
+    )
+    return result, notes
+
+
+def without_lifts(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings without stretches in which the robot is off the floor and does not fly, in parts, and notes."""
+    reach, result, notes = _reach(model, recordings), [], []
+    for recording in recordings:
+        poses = _poses(reach, recording) if reach is not None else None
+        lifts = _lifts(poses) if poses is not None else []
+        parts = parts_between(recording, lifts) if lifts else []
+        result += parts or [recording]
+        if parts:
+            spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in lifts[:3])
+            notes.append(
+                f"in '{recording.name}' the whole robot is off the model's floor and does not fall ({spans}"
+                f"{' ...' * (len(lifts) > 3)}): held in the air, or on something that the model lacks. What is left is "
+                f"replayed as {', '.join(repr(p.name) for p in parts)}"
+            )
+    return result, notes
+
+
+def _lifts(poses: _Poses) -> list[Gap]:
+    """Stretches off the floor that are no flights: what flies falls at g, and what is held goes straight on in the mean."""
+    off = np.concatenate([[False], poses.heights > _BEYOND, [False]]).astype(int)
+    begins, ends = np.flatnonzero(np.diff(off) == 1), np.flatnonzero(np.diff(off) == -1)
+    found = []
+    for a, b in zip(begins, ends, strict=True):
+        if b - a < _FEWEST:
+            continue
+        falls = -2.0 * float(np.polyfit(poses.time[a:b] - poses.time[a], poses.base[a:b], 2)[0])
+        if falls < 0.5 * GRAVITY:
+            # It left the floor after the sample before, and is on it again from the next one on.
+            start, stop = float(poses.time[max(a - 1, 0)]), float(poses.time[min(b, len(poses.time) - 1)])
+            found.append(Gap(start, stop - start))
+    return found
+
+
+def _reach(model: Model, recordings: Sequence[Recording]) -> Reach | None:
+    """How low the robot reaches; None without a free base whose pose was measured, or where a plane is not all around it."""
+    if not any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
+        return None
+    free = floating(model, recordings)
+    m, plane = free.compiled, plane_of(free.compiled)
+    around = [g for g in range(m.ngeom) if m.body_weldid[m.geom_bodyid[g]] == 0 and g != plane]
+    if free_joint(m) < 0 or plane < 0 or any(m.geom_contype[g] or m.geom_conaffinity[g] for g in around):
+        return None
+    reach = Reach(free)
+    return reach if reach.clouds else None
+
+
+def _poses(reach: Reach, recording: Recording) -> _Poses | None:
+    """What a recording tells of the robot's height; None where it does not tell the pose of its base."""
+    recording = in_angles(recording)
+    if not recording.has(POSITION) or not recording.has(ORIENTATION):
+        return None
+    place, turn = recording.channel(POSITION), recording.channel(ORIENTATION)
+    if not set(AXES) <= set(place.labels) or turn.labels != ANGLES:
+        return None
+    time = np.arange(recording.start, recording.stop, 1.0 / _RATE)
+    bases = np.hstack([place.select(AXES).at(time), quaternion_of(turn.at(time))])
+    labels: list[str] = []
+    joints = np.zeros((len(time), 0))
+    if recording.has("position"):
+        channel = recording.channel("position")
+        labels = [x for x in channel.labels if x in reach.joints and channel.unit_of(x) in ("rad", "m")]
+        joints = channel.select(labels).at(time) if labels else joints
+    good = np.isfinite(bases).all(axis=1) & np.isfinite(joints).all(axis=1)
+    if np.count_nonzero(good) < 3:
+        return None
+    heights = reach.lowest(labels, joints[good], bases[good])
+    return _Poses(time[good], heights, bases[good, 2], _upright(reach.model, bases[good]))
+
+
+def _upright(m: mujoco.MjModel, bases: Array) -> float:
+    """Cosine of the angle between what points up in the model's pose and in these (T, 7), in the median."""
+    start = int(m.jnt_qposadr[free_joint(m)])
+    own = (m.key_qpos[0] if m.nkey else m.qpos0)[start + 3 : start + 7]
+    ups = np.array([_up(q) for q in (own, *bases[:, 3:])])
+    return float(np.median(ups[1:] @ ups[0]))
+
+
+def _up(quaternion: Array) -> Array:
+    """(3,) the world's z in a body's frame."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion, dtype=np.float64))
+    return matrix[6:9]
+
+
+def _has_y_up(reach: Reach, recording: Recording) -> bool:
+    """Whether a robot stands if y points up in its log's frame, and lies further beside the floor if z does."""
+    as_it_is = _poses(reach, recording)
+    if as_it_is is None or as_it_is.upright > _LIES:
+        return False
+    other = _poses(reach, _z_up(recording))
+    return other is not None and other.upright > _STANDS and abs(other.floor) < abs(as_it_is.floor)
+
+
+def _z_up(recording: Recording) -> Recording:
+    """A recording whose frame's y points up, in one whose z does."""
+    recording = in_angles(recording)
+    place, turn = recording.channel(POSITION), recording.channel(ORIENTATION)
+    quaternion, by = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(by, _Y_UP.ravel())
+    turned = np.empty((len(turn.time), 4))
+    for row, q in zip(turned, quaternion_of(turn.values), strict=True):
+        mujoco.mju_mulQuat(quaternion, by, q)
+        row[:] = quaternion
+    recording = recording.with_channel(place.replace(labels=AXES, values=place.select(AXES).values @ _Y_UP.T))
+    return in_angles(recording.with_channel(turn.replace(labels=("w", "x", "y", "z"), unit="", values=turned)))
+
+
+def _moved(recording: Recording, by: tuple[float, float, float]) -> Recording:
+    """With its base elsewhere by x, y and z in m."""
+    place = recording.channel(POSITION)
+    values = place.values + [dict(zip(AXES, by, strict=True))[label] for label in place.labels]
+    return recording.with_channel(place.replace(values=values))
