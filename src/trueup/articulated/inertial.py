@@ -47,7 +47,9 @@ class Together:
 
 
 def with_inertial_units(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings whose accelerometers and gyros of an unknown unit are in SI where numbers tell it, and notes."""
+    """Recordings whose accelerometers and gyros of an unknown unit are in SI where numbers tell it, and notes that say what
+    to write: without it they are not compared, since what is guessed should not weigh on a fit.
+    """
     notes, result = list[str](), list(recordings)
     names = dict.fromkeys(name for r in recordings for name, c in r.channels.items() if _is_open(c))
     for name in names:
@@ -110,7 +112,7 @@ def _acceleration(name: str, recordings: Sequence[Recording]) -> tuple[str, str]
     if unit:
         return (
             unit,
-            f"taken as {_NAMES.get(unit, unit)}, as {seen:.4g} stays over a second, which is gravity; say so if not",
+            f"{seen:.4g} stays over a second, which is gravity in {_NAMES.get(unit, unit)}: {_say(unit)}",
         )
     if seen > _COUNTS:
         return (
@@ -139,16 +141,20 @@ def _rate(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
         if unit:
             return (
                 unit,
-                f"taken as {unit}, as it turns {size:.3g} times as far as '{seen[0][1]}' does in rad; say so if not",
+                f"it turns {size:.3g} times as far as '{seen[0][1]}' does in rad, as a gyro in {unit}: {_say(unit)}",
             )
         return "", f"it turns {size:.3g} times as far as '{seen[0][1]}' does in rad"
     largest = max(float(np.nanmax(np.abs(r.channels[name].values), initial=0.0)) for r in recordings)
     if largest > _FASTEST:
         return (
             "deg/s",
-            f"taken as deg/s, as it reaches {largest:.4g}, and gyros of robots {_FASTEST:g} rad/s; say so if not",
+            f"it reaches {largest:.4g}, and gyros of robots {_FASTEST:g} rad/s: {_say('deg/s')}",
         )
     return "", ""
+
+
+def _say(unit: str) -> str:
+    return f'say unit = "{unit}" of it in the mapping, and it is compared, too'
 
 
 def _scaled(recording: Recording, name: str, unit: str, factor: float) -> Recording:

@@ -65,7 +65,7 @@ _CHANGES = (
     ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
-    "tendons", "names", "strangers", "spikes", "torques", "units", "sensors", "turns", "gains", "feedforward", "heights",
+    "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "heights",
     "pauses", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -130,14 +130,13 @@ class Articulated(Family):
         named, forward = _edited(named, "feedforward", refuse, with_feedforward)
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
-        taken, measured = _edited(taken, "units", refuse, with_inertial_units)
         taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
         taken, heights = _edited(taken, "heights", refuse, lambda rs: on_the_floor(model, rs))
-        doubts = [said for said in self.doubts(model, taken) if said not in {note.evidence for note in measured}]
+        doubts = self.doubts(model, taken)
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
-        found = (spikes, told, renamed, strange, steady, forward, changed, driving, measured, sensing, turning, heights)
+        found = (spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
         edits = (note for part in found for note in part)
         notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
