@@ -121,8 +121,9 @@ def test_hidden_parameters_come_back_from_logs_with_two_clocks_and_outliers(logs
     assert values["steering_slack"] == pytest.approx(0.06, abs=0.02)
     assert values["steering_offset"] == pytest.approx(0.03, abs=0.01)
     # The log's first row comes up to 10 ms after the sample: the clocks are known no better.
-    late = values["steering_delay"] + values["steering_lag"]
-    assert late == pytest.approx(0.10, abs=0.02)
+    # What tyres take up with the way rolled is a lag, too, at about 1.7 m/s.
+    late, hidden = (v["steering_delay"] + v["steering_lag"] + v["relaxation"] / 1.7 for v in (values, HIDDEN))
+    assert late == pytest.approx(hidden, abs=0.02)
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[1]))
     assert len(errors) > 80
     assert (errors.mean(axis=0) < [0.03, 0.10]).all()
