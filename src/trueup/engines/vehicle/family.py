@@ -110,7 +110,7 @@ class Vehicles(Family):
             spaces += [_begun_at(spaces[0], slow)] if slow else []
             search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
             every = [
-                _with_shares(simulator.searching(s), drives, others, search, begun, again=k > 0)
+                with_shares(simulator.searching(s), drives, others, search, begun, again=k > 0)
                 for k, s in enumerate(spaces)
             ]
             found = min(every, key=lambda c: _astray(simulator, c.values, drives))
@@ -236,7 +236,7 @@ def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> Paramet
     return ParameterSpace(tuple(p.replace(frozen=p.name not in names) for p in kept.parameters))
 
 
-def _with_shares(
+def with_shares(
     simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], search: Fit,
     begun: Sequence[Mapping[str, float]], *, again: bool,
 ) -> Calibration:  # fmt: skip
