@@ -34,5 +34,5 @@ def test_a_car_turns_in_at_steps_of_ten_milliseconds_as_at_finer_ones(stiffness:
 
 def test_held_commands_count_over_each_step_for_as_long_as_they_were_in_force() -> None:
     time, values = np.array([0.0, 0.014, 0.03]), np.array([[1.0], [3.0], [-2.0]])
-    over = in_force_over(time, values, np.arange(-1, 5) * 0.01, 0.01)
+    over = in_force_over(time, values, np.linspace(-0.01, 0.04, 6), 0.01)
     np.testing.assert_allclose(over[:, 0], [1.0, 1.0, 0.4 * 1.0 + 0.6 * 3.0, 3.0, -2.0, -2.0], atol=1e-12)
