@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 AHEAD = (1.0, 3.0)  # s
 SECONDS, FITTED, UNSEEN = 20.0, 4, 2
-_STEP = 0.01  # s by which the simulator's steering is late by itself: its own step
+_STEP = 0.002  # s by which the drawn cars are early: their own step
 SHOWN = (
     "steering_left",
     "steering_right",

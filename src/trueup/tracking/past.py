@@ -13,7 +13,7 @@ from trueup.instant import usual_step
 from trueup.noise import spread
 from trueup.recording import Channel
 from trueup.rounding import PRINTED, SAME_INSTANT
-from trueup.samples import between
+from trueup.samples import between, in_force_over
 from trueup.tracking.channels import PLACE, READ
 from trueup.tracking.rest import SPEED_WINDOW, stood
 from trueup.tracking.start import start_state
@@ -63,7 +63,8 @@ class Past:
                 f"trial '{trial.name}' needs commands, and a measured position and heading to start from"
             )
         begin, grid = _grid(trial, step)
-        commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
+        told = trial.command.select(labels)
+        commands = told.at(grid) if labels[0] == "speed" else in_force_over(told.time, told.values, grid, step)
         time, pose = _tracked(trial.initial["position"], trial.initial["heading"])
         seen, known, lag, doubt = _seen(time, pose, grid, step)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)

@@ -21,7 +21,6 @@ from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ParameterError, RecordingError
-from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.tracking.cleaned import heading_senses
@@ -105,12 +104,15 @@ class Vehicles(Family):
             len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), far, 1.0)) for d in drives
         ):
             own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
-            begun = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
+            begun: list[Mapping[str, float]] = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
             spaces = [space.freeze(LASTING, {n: at[n] for n in LASTING}) for at in begun]
             slow = Look.at(drives).slow_wheel(simulator.vehicle)
             spaces += [_begun_at(spaces[0], slow)] if slow else []
-            starts = [simulator.searching(s) for s in spaces]
-            every = [_in_turns(s, drives, others, fit, again=k > 0) for k, s in enumerate(starts)]
+            search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
+            every = [
+                with_shares(simulator.searching(s), drives, others, search, begun, again=k > 0)
+                for k, s in enumerate(spaces)
+            ]
             found = min(every, key=lambda c: _astray(simulator, c.values, drives))
         else:
             found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
@@ -234,17 +236,23 @@ def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> Paramet
     return ParameterSpace(tuple(p.replace(frozen=p.name not in names) for p in kept.parameters))
 
 
-def _in_turns(
-    simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit, *, again: bool
-) -> Calibration:
-    """A car with its `LASTING` held, then these by themselves; again where predictions are clearly better with them."""
-    search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
+def with_shares(
+    simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], search: Fit,
+    begun: Sequence[Mapping[str, float]], *, again: bool,
+) -> Calibration:  # fmt: skip
+    """A car with its `LASTING` held, and again with those held that then predict best: of what they are, what they are
+    where any search has `begun`, and where a search of them alone ends.
+    """
     found, space = search(simulator, drives, others, again=again), simulator.parameters
-    shares = search(simulator.searching(_only(LASTING, space, found.values)), drives, others, again=True).values
-    if not _foretell_better(simulator, found.values, shares, drives):
+    alone = search(simulator.searching(_only(LASTING, space, found.values)), drives, others, again=True).values
+    kept, values = np.isin(space.names, LASTING), found.values
+    tried = [values, alone, *(np.where(kept, [b.get(n, 0.0) for n in space.names], values) for b in begun)]
+    best = min(tried, key=lambda v: _astray(simulator, v, drives))
+    if np.array_equal(best, values):
         return found
-    frozen = space.freeze(LASTING, dict(zip(space.names, shares, strict=True)))
-    return search(simulator.searching(frozen), drives, others, again=True)
+    frozen = space.freeze(LASTING, dict(zip(space.names, best, strict=True)))
+    more = search(simulator.searching(frozen), drives, others, again=True)
+    return min(found, more, key=lambda c: _astray(simulator, c.values, drives))
 
 
 def _begun_with_noise(
@@ -275,16 +283,3 @@ def _astray(simulator: VehicleSimulator, values: Array, drives: Sequence[Recordi
     """Mean over horizons of the logarithm of the mean error in m of predictions with values (n,)."""
     errors = [e for d in drives if len(e := prediction_errors(simulator, values, d, HORIZONS))]
     return float(np.mean(np.log(np.concatenate(errors).mean(axis=0)))) if errors else np.inf
-
-
-def _foretell_better(simulator: VehicleSimulator, before: Array, after: Array, drives: Sequence[Recording]) -> bool:
-    """Whether predictions far ahead are clearly better with values `after` (n,) than with those `before`.
-
-    A block is one prediction, begun where the one before it ends.
-    """
-    far = max(HORIZONS)
-    errors = [
-        np.concatenate([prediction_errors(simulator, v, d, (far,), every=far) for d in drives]).ravel()
-        for v in (before, after)
-    ]
-    return evidence(*errors).holds

@@ -165,6 +165,12 @@ def tyres(p: Array) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def within(z: float) -> float:
+    """At which share of a step its slope has to be taken for exp(-z) of a decaying value to be left: from a half to one."""
+    return 0.5 + z / 12.0 if z < 1e-2 else 1.0 / -math.expm1(-z) - 1.0 / z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def on_tyres(p: Array, dt: float, s: Array) -> None:
     """Tyres that take up a new wheel angle, or any slip, with the way rolled, and slide where their force ends."""
     # Side forces grow with the way rolled, not time (relaxation length: H. B. Pacejka, Tire and Vehicle Dynamics, ch. 1).
@@ -183,20 +189,25 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     cf = math.cos(angle) * secant(front_grip, p[FRICTION_LIMIT] * share, f + w * (angle - straight))
     cr = secant(rear_grip, p[FRICTION_LIMIT] * (1.0 - share), b - w * math.atan((u - rear * r) / speed))
     f += w * (angle - straight + bend * aside)
-    # Implicit in u and r, with the tyres' secants held: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with
-    # slips a_f = f - w bend (u + front r) / speed, a_r = b - w (u - rear r) / speed.
+    # With the tyres' secants held: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with slips
+    # a_f = f - w bend (u + front r) / speed, a_r = b - w (u - rear r) / speed. Implicit in u and r at a share of the step
+    # at which decay is exact (exponential fitting: W. Liniger, R. A. Willoughby, SIAM J. Numer. Anal. 7(1), 1970), from
+    # the middle where tyres are soft to the end where they are stiff.
     wf, wr = w * bend * cf / speed, w * cr / speed
+    part = within(dt * max(wf + wr, (front * front * wf + rear * rear * wr) / inertia))
+    h = part * dt
     turn = front * wf - rear * wr
-    a11, a12 = 1.0 + dt * (wf + wr), dt * (turn + v)
-    a21, a22 = dt * turn / inertia, 1.0 + dt * (front * front * wf + rear * rear * wr) / inertia
-    b1, b2 = u + dt * (cf * f + cr * b), r + dt * (front * cf * f - rear * cr * b) / inertia
+    a11, a12 = 1.0 + h * (wf + wr), h * (turn + v)
+    a21, a22 = h * turn / inertia, 1.0 + h * (front * front * wf + rear * rear * wr) / inertia
+    b1, b2 = u + h * (cf * f + cr * b), r + h * (front * cf * f - rear * cr * b) / inertia
     determinant = a11 * a22 - a12 * a21
-    s[SIDEWAYS], s[TURNING] = (b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant
+    then_u, then_r = (b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant
+    drag = cf * (f - w * bend * (then_u + front * then_r) / speed) * math.tan(angle) - then_r * then_u
+    s[SIDEWAYS], s[TURNING] = u + (then_u - u) / part, r + (then_r - r) / part
     s[FRONT_SLIP] = f - w * bend * (s[SIDEWAYS] + front * s[TURNING]) / speed
     s[REAR_SLIP] = b - w * (s[SIDEWAYS] - rear * s[TURNING]) / speed
     if p[DRIVE] > 0.0:
-        held = s[PUSH] - cf * s[FRONT_SLIP] * math.tan(angle) + s[TURNING] * s[SIDEWAYS]
-        s[SPEED] = ahead_or_back(p, s[SPEED] + dt * (pull(p, s) + held))
+        s[SPEED] = ahead_or_back(p, s[SPEED] + dt * (pull(p, s) + s[PUSH] - drag))
         v, rear = 0.5 * (v + p[WHEEL_SCALE] * s[SPEED]), 0.0
     middle_r = 0.5 * (r + s[TURNING])
     middle, sideways = s[HEADING] + 0.5 * dt * middle_r, 0.5 * (u + s[SIDEWAYS]) - rear * middle_r
