@@ -133,8 +133,10 @@ def _folder(path: Path, together: bool) -> list[Source]:
     beside = [e.name for e in entries if e.is_dir() and not is_description(e) and is_recording(e)]
     if not beside:
         return [first, *others]
-    word = (f"{path.name}: its own files ({listing((file.name for file in data), 3)}) were read, not the folders beside them: "
-            f"{listing(beside, 5)}; name these, or move the files away, to read the folders")  # fmt: skip
+    word = (
+        f"{path.name}: its own files ({listing((file.name for file in data), 3)}) were read, not the folders beside them: "
+        f"{listing(beside, 5)}; name these, or move the files away, to read the folders"
+    )
     return [_with_warning(first, word), *others]
 
 

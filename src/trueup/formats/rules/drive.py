@@ -16,7 +16,9 @@ from trueup.formats.rules.names import listed
 from trueup.formats.rules.rule import Column, Part
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal, best
+from trueup.formats.table import listing
 from trueup.inspection.relations import nearest
+from trueup.recording import is_command
 from trueup.samples import is_unit
 from trueup.units import FULL_LOCK, are_pulses, canonical, hardly_radians, to_si
 
@@ -63,6 +65,18 @@ def drive(columns: Sequence[Column], time: TimeColumn, *, vehicle: bool = False)
     parts[0] = replace(parts[0], notes=(*parts[0].notes, *said))
     rest = [s for s in signals if s not in command.values()]
     return parts + _measured(rest, parts, time) + [wiring.part(n, pair) for n, pair in seen.items()]
+
+
+def ridden(columns: Sequence[Column], time: TimeColumn) -> list[str]:
+    """Says where a log of joints also holds what drives a base and where that went: a mapping has one of the two."""
+    parts = drive(columns, time, vehicle=True)
+    told = [column.name for part in parts if is_command(part.channel) for column in part.columns]
+    if not told or not any(part.channel == "position" for part in parts):
+        return []
+    return [
+        f"{listing(told, 4)}: these look like what drives a vehicle that the joints ride on; this mapping is of the joints, "
+        "and with a vehicle's file (--model base.toml, [vehicle]) it is of the vehicle"
+    ]
 
 
 def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) -> list[Part]:
