@@ -135,3 +135,11 @@ def test_whoever_drives_is_told_the_frame_and_at_which_speeds_each_gain_acts() -
     assert "0.4 m" in " ".join(trial.notes)
     assert "Keep the log going until that point is passed" in " ".join(trial.notes)
     assert unit_of(task) == "m"
+
+
+def test_gains_are_searched_between_the_bounds_that_the_plan_gives() -> None:
+    task = FollowPath([STRAIGHT], names=("k1", "k3"), nominal={"k3": 8.0}, ranges={"k3": (0.1, 20.0)})
+    assert [p.lower for p in task.parameters.parameters] == [0.05, 0.1]
+    assert [p.upper for p in task.parameters.parameters] == [5.0, 20.0]
+    with pytest.raises(UnknownNameError, match="range of parameter 'k2'"):
+        FollowPath([STRAIGHT], names=("k1",), ranges={"k2": (0.1, 20.0)})

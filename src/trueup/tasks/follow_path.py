@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class FollowPath:
     The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), of several paths the geometric
     mean, so that a tenth less counts alike on each and none rules, of the
     axle that the controller steers onto the path ('front'), or of the pose itself ('rear'): a front axle on the path means
-    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains; `duration` in s holds for all
+    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains, `ranges` between what they are searched; `duration` in s holds for all
     paths, else each has a little more time than its target speed needs.
     Raises ParameterError without paths, UnknownNameError for other points or measures.
     """
@@ -48,7 +48,7 @@ class FollowPath:
     def __init__(
         self, paths: Sequence[Path], settings: StanleySettings | None = None, *, names: tuple[str, ...] = GAINS,
         nominal: dict[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
-        duration: float | None = None,
+        duration: float | None = None, ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:  # fmt: skip
         if not paths:
             raise ParameterError("a path-following task needs at least one path")
@@ -57,7 +57,7 @@ class FollowPath:
                 raise unknown_name(kind, value, known, "what a path-following task can judge by")
         self.paths = tuple(paths)
         self.settings = settings or StanleySettings()
-        self.parameters: ParameterSpace = gain_space(names, self.settings.edges, **(nominal or {}))
+        self.parameters: ParameterSpace = gain_space(names, self.settings.edges, ranges, **(nominal or {}))
         self.measure, self.point = measure, point
         self.trials = tuple(trial_of(p, self.settings, rate, duration) for p in self.paths)
 
