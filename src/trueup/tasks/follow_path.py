@@ -40,8 +40,9 @@ class FollowPath:
     The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), of several paths the geometric
     mean, so that a tenth less counts alike on each and none rules, of the
     axle that the controller steers onto the path ('front'), or of the pose itself ('rear'): a front axle on the path means
-    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains, `ranges` between what they are searched; `duration` in s holds for all
-    paths, else each has a little more time than its target speed needs.
+    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains, `ranges`
+    the lowest and highest that are searched; `duration` in s holds for all paths, else each has a little more time than its
+    target speed needs.
     Raises ParameterError without paths, UnknownNameError for other points or measures.
     """
 
