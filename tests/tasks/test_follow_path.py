@@ -12,8 +12,9 @@ from trueup.errors import ParameterError, UnknownNameError
 from trueup.paths import Path
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
-from trueup.tasks.follow_path import FollowPath
-from trueup.tasks.task import as_rollout, robot_scores, robot_trials, simulated_scores, unit_of
+from trueup.robots.stand_in_vehicle import StandInVehicle
+from trueup.tasks.follow_path import FollowPath, too_tight
+from trueup.tasks.task import as_rollout, robot_doubts, robot_scores, robot_trials, simulated_scores, unit_of
 
 STRAIGHT = Path.from_points("straight", [[0.0, 0.0], [10.0, 0.0]], speed=0.5)
 
@@ -143,3 +144,32 @@ def test_gains_are_searched_between_the_bounds_that_the_plan_gives() -> None:
     assert [p.upper for p in task.parameters.parameters] == [5.0, 20.0]
     with pytest.raises(UnknownNameError, match="range of parameter 'k2'"):
         FollowPath([STRAIGHT], names=("k1",), ranges={"k2": (0.1, 20.0)})
+
+
+def test_a_run_that_was_steered_otherwise_than_asked_for_is_told_of() -> None:
+    task = FollowPath([hairpin((0.6,))], names=("k1", "k2", "k3", "lead"))
+    today, tuned = task.parameters.nominal, np.array([3.0, 4.0, 4.0, 0.3])
+    robot = StandInVehicle(3, task.settings, seed=0)
+    for driven in (today, tuned):
+        runs = [robot.perform(t) for t in robot_trials(task, driven, f"{driven}")]
+        assert robot_doubts(task, runs, driven) == ((),)
+        assert robot_doubts(task, runs) == ((),)
+    runs = [robot.perform(t) for t in robot_trials(task, today, "not set")]
+    ((said,),) = robot_doubts(task, runs, tuned)
+    assert "what the law commands with the settings of today" in said
+    turned = [[r.replace(channels={n: c.replace(values=-c.values) if n == "command" else c for n, c in r.channels.items()})
+               for r in repeats] for repeats in runs]  # fmt: skip
+    ((said,),) = robot_doubts(task, turned, today)
+    assert "is this the log of this run" in said
+
+
+def test_a_path_that_no_steering_can_follow_is_named() -> None:
+    """A front axle on a circle steers by the arc sine of wheelbase over radius."""
+    angle = np.linspace(0.0, 3.0, 200)
+    circle = Path.from_points("circle", 2.0 * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1), speed=0.5)
+    assert too_tight(circle, StanleySettings(wheelbase=0.9, max_steering=np.arcsin(0.46))) == ""
+    said = too_tight(circle, StanleySettings(wheelbase=0.9, max_steering=np.arcsin(0.4)))
+    assert "'circle' turns more tightly than the vehicle can along 5.91 of its 6 m (radius 2 m" in said
+    assert "drives 2.25 m)" in said
+    corner = Path.from_points("corner", [[0.0, 0.0], [5.0, 0.0], [5.0, 5.0]], speed=0.5)
+    assert too_tight(corner, StanleySettings()) == "", "a corner is no stretch of road"

@@ -25,8 +25,8 @@ _MOVES = 0.1  # m: a window in which the vehicle stands tells nothing
 def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
     """Pieces of `length` s, end to end, each with the commands of `_BEFORE` s before it.
 
-    These still act when it begins, because of delays and slow wheels. Pieces in which nothing moves are left out. Raises RecordingError
-    where none is left.
+    These still act when it begins, because of delays and slow wheels. Pieces in which nothing moves are left out. Raises
+    RecordingError where none is left.
     """
     if not length > 0.0:
         raise RecordingError(f"windows of {length} s: their length must be positive")
