@@ -210,12 +210,22 @@ def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration
 
 
 def too_tight(path: Path, settings: StanleySettings) -> str:
-    """A sentence where a path turns more tightly than the front axle can, for longer than the vehicle; '' elsewhere."""
+    """A sentence where a path turns more tightly than the front axle can, for longer than the vehicle; '' elsewhere.
+
+    Curvature is the mean along a wheelbase: points that are rounded to a millimetre bend a path that does not.
+    """
     most = float(np.sin(min(settings.max_steering, 0.5 * np.pi))) / settings.wheelbase
-    beyond = float(np.diff(path.arc)[np.abs(path.curvature[:-1]) > most * (1.0 + PRINTED)].sum())
-    if beyond <= settings.wheelbase:
+    ahead = np.interp(path.arc + settings.wheelbase, path.arc, path.heading)
+    curvature = np.abs(ahead - path.heading) / settings.wheelbase
+    changes = np.flatnonzero(
+        np.diff(np.concatenate([[False], curvature > most * (1.0 + PRINTED), [False]]).astype(int))
+    )
+    # A corner alone is beyond it from a wheelbase before.
+    runs = path.arc[changes[1::2] - 1] - path.arc[changes[::2]]
+    beyond = float(runs[runs > settings.wheelbase * (1.0 + PRINTED)].sum())
+    if not beyond:
         return ""
-    tightest = float(np.abs(path.curvature).max())
+    tightest = float(curvature.max())
     return (
         f"path '{path.name}' turns more tightly than the vehicle can along {beyond:.3g} of its {path.length:.3g} m "
         f"(radius {1.0 / tightest:.3g} m; a front axle {settings.wheelbase:.3g} m ahead that steers by "
