@@ -73,10 +73,8 @@ def ridden(columns: Sequence[Column], time: TimeColumn) -> list[str]:
     told = [column.name for part in parts if is_command(part.channel) for column in part.columns]
     if not told or not any(part.channel == "position" for part in parts):
         return []
-    return [
-        f"{listing(told, 4)}: these look like what drives a vehicle that the joints ride on; this mapping is of the joints, "
-        "and with a vehicle's file (--model base.toml, [vehicle]) it is of the vehicle"
-    ]
+    return [f"{listing(told, 4)}: these look like what drives a vehicle that the joints ride on; this mapping is of the joints, "
+            "and with a vehicle's file (--model base.toml, [vehicle]) it is of the vehicle"]  # fmt: skip
 
 
 def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) -> list[Part]:
