@@ -73,8 +73,8 @@ def ridden(columns: Sequence[Column], time: TimeColumn) -> list[str]:
     told = [column.name for part in parts if is_command(part.channel) for column in part.columns]
     if not told or not any(part.channel == "position" for part in parts):
         return []
-    return [f"{listing(told, 4)}: these look like what drives a vehicle that the joints ride on; this mapping is of the joints, "
-            "and with a vehicle's file (--model base.toml, [vehicle]) it is of the vehicle"]  # fmt: skip
+    return [f"{listing(told, 4)}: these look like what drives a vehicle that the joints ride on; this mapping is of the "
+            "joints, and with a vehicle's file (--model base.toml, [vehicle]) it is of the vehicle"]  # fmt: skip
 
 
 def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) -> list[Part]:
@@ -267,8 +267,9 @@ def _unit_of_place(place: Sequence[Column], parts: Sequence[Part], time: TimeCol
     instants = instants_of(place[0], time)
     if not told or not len(instants) or any(c.table is not place[0].table or c.values.ndim > 1 for c in place):
         return ""
-    good = usable(instants, *(c.values for c in place))
-    seconds = np.arange(instants[good][0], instants[good][-1], 1.0) if good.any() else np.zeros(0)
+    if np.count_nonzero(good := usable(instants, *(c.values for c in place))) < 2:
+        return ""
+    seconds = np.arange(instants[good][0], instants[good][-1], 1.0)
     way = np.stack([np.interp(seconds, instants[good], c.values[good]) for c in place], axis=1)
     commanded = float(np.mean(np.abs(told[0].known))) * max(len(seconds) - 1, 0)
     driven = float(np.hypot(*np.diff(way, axis=0).T).sum())
