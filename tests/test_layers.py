@@ -142,6 +142,7 @@ RULES = (
         (
             "campaign.journal",
             "campaign.events",
+            "campaign.edges",
             "campaign.history",
             "campaign.plan",
             "identification.estimation.result",

@@ -150,3 +150,21 @@ def test_of_a_robot_with_a_free_base_the_report_shows_how_it_leans_and_how_high_
     assert "pitch of the torso, rad" in shown
     assert "height of the torso, m" in shown
     assert "left_knee" not in shown
+
+
+def test_the_best_settings_at_an_end_of_their_range_are_told(told: tuple[tuple[Event, ...], Plan, Path]) -> None:
+    events, plan, _ = told
+    history = History.of(events)
+    best = next(s for r in history.rounds for s in r.scored if history.settings(s.unit) == history.best[0])
+    for at, words in ((0.5, ""), (0.003, "lower end"), (0.998, "upper end")):
+        moved = [
+            replace(e, unit=(at, 0.5)) if isinstance(e, Scored) and e.unit == best.unit else e for e in events
+        ]  # fmt: skip
+        shown = io.StringIO()
+        show_status(History.of(moved), plan, Console(file=shown, width=200))
+        text = campaign_html(History.of(moved), plan, times={})
+        assert (
+            ("better ones may lie beyond" in text) == ("better ones may lie beyond" in shown.getvalue()) == bool(words)
+        )
+        assert f" at the {words}" in shown.getvalue() or not words
+        assert "feed forward =" not in shown.getvalue().partition("note:")[2]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup.campaign.kinds import bicycle, drives
 from trueup.controllers.stanley import Stanley, StanleySettings
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.ends import Arrived, Left
@@ -251,3 +252,25 @@ def test_the_table_of_quantities_in_the_docs_is_complete() -> None:
     )
     known = [(q.name, q.unit or "-", f"{q.lower:g}", f"{q.upper:g}", q.about) for q in SPEED_DRIVEN]
     assert rows == known
+
+
+def test_wheels_that_take_long_from_side_to_side_are_where_all_that_was_commanded_has_brought_them() -> None:
+    """Steering at 0.2 rad/s is told from delay, lag and play in windows that begin while it is on its way."""
+    rng = np.random.default_rng(1)
+    time = np.arange(3001) / 50.0
+    steering = np.repeat(rng.uniform(-0.8, 0.8, 21), 150)[: len(time)]
+    truth = {"steering_delay": 0.1, "steering_lag": 0.35, "steering_rate_limit": 0.2}
+    (done,) = BicycleSimulator(Vehicle("truck", 1.4, 0.9, truth), step=0.01).rollout(
+        [played(0.8 + 0.3 * np.sin(0.4 * time), steering, duration=60.0, start=0.8)], np.zeros((1, 0))
+    )
+    noise = {"position": 0.01, "heading": 0.003, "speed": 0.005, "yaw_rate": 0.01, "command": 0.0}
+    drive = done.recording()
+    drive = drive.replace(channels={
+        n: c.replace(values=c.values + rng.normal(0.0, noise[n], c.values.shape)) for n, c in drive.channels.items()
+    })  # fmt: skip
+    found = drives([drive], bicycle(1.4, 0.9, parameters=(*truth, "steering_slack")))
+    assert found.trace[-1].rmse < 0.0105
+    estimates = {e.name: e for e in found.estimates}
+    assert estimates["steering_rate_limit"].value == pytest.approx(0.2, rel=0.05)
+    for name, value in truth.items():
+        assert estimates[name].low < value < estimates[name].high, name

@@ -61,6 +61,19 @@ def test_notes_beside_recordings_are_none(tmp_path: Path, small_files: Any) -> N
     assert formats.is_recording(plain)
 
 
+def test_a_file_beside_folders_of_recordings_does_not_hide_them_silently(tmp_path: Path, small_files: Any) -> None:
+    small_files.write_lists(tmp_path / "drives" / "d1")
+    small_files.write_joint_bag(tmp_path / "drives" / "d2")
+    (tmp_path / "drives" / "plots").mkdir()
+    small_files.write_csv(tmp_path / "drives" / "stray.csv")
+    (recording,) = formats.read(tmp_path / "drives")
+    assert "not the folders beside them: d1, d2;" in recording.provenance["warnings"]
+    formats.write(recording.replace(provenance={}), tmp_path / "drives" / "kept.parquet")
+    (tmp_path / "drives" / "stray.csv").unlink()
+    (recording,) = formats.read(tmp_path / "drives")
+    assert "its own files (kept.parquet) were read" in recording.provenance["warnings"]
+
+
 def test_several_paths_are_read_in_their_order(tmp_path: Path, small_files: Any) -> None:
     paths = [small_files.write_json(tmp_path / "z.json"), small_files.write_csv(tmp_path / "a.csv")]
     assert [r.name for r in formats.read(paths)] == ["z", "a"]

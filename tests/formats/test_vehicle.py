@@ -218,6 +218,9 @@ def test_an_arm_on_a_robot_of_which_a_vehicles_file_is_given_does_not_drive_it(n
     (arm,) = read(tmp_path / "log.csv", joints=joint_names(tmp_path / "arm.urdf"))
     assert "speed" not in arm.channel("command").labels
     assert len(arm.channel("position").labels) >= 2
+    drives = [name for name in names.split(",") if name.startswith(("base_v", "base_w", "cmd_vel"))]
+    said = f"{', '.join(drives)}: these look like what drives a vehicle that the joints ride on"
+    assert said in arm.provenance["guesses"]
 
 
 def test_a_walking_robot_with_commanded_speeds_is_no_vehicle(tmp_path: Path) -> None:
@@ -278,6 +281,19 @@ def test_a_pose_by_itself_is_a_position_in_metres_and_a_direction(tmp_path: Path
         assert place.column("y") == pytest.approx(y, abs=1e-6), names
         assert place.unit == "m"
         assert np.unwrap(heading_of(recording).values[:, 0]) == pytest.approx(heading, abs=1e-6), names  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("unit", "size"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)])
+def test_a_place_without_a_unit_is_in_the_one_in_which_it_is_driven_at_the_commanded_speed(
+    tmp_path: Path, unit: str, size: float
+) -> None:
+    t, _, steering, x, y, heading, speed = drive()
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (2, len(t)))
+    table = np.column_stack([t, 1.1 * speed, steering, size * (x + noise[0]), size * (y + noise[1]), heading])
+    np.savetxt(tmp_path / "d.csv", table, delimiter=",", header="t,cmd_speed,cmd_steering,x,y,yaw", comments="")
+    (recording,) = read([tmp_path / "d.csv"])
+    assert recording.channel("position").values == pytest.approx(np.stack([x + noise[0], y + noise[1]], axis=1))
+    assert (f"by the commanded speed its numbers are {unit}" in recording.provenance["guesses"]) == (unit != "m")
 
 
 def test_what_is_said_of_units_tells_those_of_the_file_from_those_kept(tmp_path: Path) -> None:

@@ -228,3 +228,13 @@ def test_ideal_torques_and_a_1_khz_log_are_told_from_real_ones(real_data: Path) 
     assert np.all(estimate_noise(arm.channel("torque").values, arm.channel("torque").time) > 0.01)
     assert inspect(arm).channel("position").rate == pytest.approx(1000.0, rel=0.01)
     assert len(inspect(arm).channel("position").gaps) > 5
+
+
+def test_commands_that_were_logged_when_they_changed_have_no_jitter_to_mend() -> None:
+    rng = np.random.default_rng(0)
+    changes = TIME[np.sort(rng.choice(len(TIME), len(TIME) // 20, replace=False))]
+    late = np.arange(len(changes)) * 0.1 + rng.uniform(0.0, 0.08, len(changes))
+    for time, said in ((changes, False), (late, True)):
+        found = inspect(recording(channel("position", noisy(angle(TIME))), channel("command", angle(time), time=time)))
+        assert any("log the time at which each was taken" in words for words in found.findings()) == said
+        assert any("only changes were logged" in words for words in found.findings()) != said

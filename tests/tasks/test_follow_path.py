@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -12,8 +14,9 @@ from trueup.errors import ParameterError, UnknownNameError
 from trueup.paths import Path
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
-from trueup.tasks.follow_path import FollowPath
-from trueup.tasks.task import as_rollout, robot_scores, robot_trials, simulated_scores, unit_of
+from trueup.robots.stand_in_vehicle import StandInVehicle
+from trueup.tasks.follow_path import FollowPath, too_tight
+from trueup.tasks.task import as_rollout, robot_doubts, robot_scores, robot_trials, simulated_scores, unit_of
 
 STRAIGHT = Path.from_points("straight", [[0.0, 0.0], [10.0, 0.0]], speed=0.5)
 
@@ -135,3 +138,42 @@ def test_whoever_drives_is_told_the_frame_and_at_which_speeds_each_gain_acts() -
     assert "0.4 m" in " ".join(trial.notes)
     assert "Keep the log going until that point is passed" in " ".join(trial.notes)
     assert unit_of(task) == "m"
+
+
+def test_gains_are_searched_between_the_bounds_that_the_plan_gives() -> None:
+    task = FollowPath([STRAIGHT], names=("k1", "k3"), nominal={"k3": 8.0}, ranges={"k3": (0.1, 20.0)})
+    assert [p.lower for p in task.parameters.parameters] == [0.05, 0.1]
+    assert [p.upper for p in task.parameters.parameters] == [5.0, 20.0]
+    with pytest.raises(UnknownNameError, match="range of parameter 'k2'"):
+        FollowPath([STRAIGHT], names=("k1",), ranges={"k2": (0.1, 20.0)})
+
+
+def test_a_run_that_was_steered_otherwise_than_asked_for_is_told_of() -> None:
+    task = FollowPath([hairpin((0.6,))], names=("k1", "k2", "k3", "lead"))
+    today, tuned = task.parameters.nominal, np.array([3.0, 4.0, 4.0, 0.3])
+    robot = StandInVehicle(3, task.settings, seed=0)
+    for driven in (today, tuned):
+        runs = [robot.perform(t) for t in robot_trials(task, driven, f"{driven}")]
+        assert robot_doubts(task, runs, driven) == ((),)
+        assert robot_doubts(task, runs) == ((),)
+    runs = [robot.perform(t) for t in robot_trials(task, today, "not set")]
+    ((said,),) = robot_doubts(task, runs, tuned)
+    assert "what the law commands with the settings of today" in said
+    turned = [[r.replace(channels={n: c.replace(values=-c.values) if n == "command" else c for n, c in r.channels.items()})
+               for r in repeats] for repeats in runs]  # fmt: skip
+    ((said,),) = robot_doubts(task, turned, today)
+    assert "is this the log of this run" in said
+
+
+def test_a_path_that_no_steering_can_follow_is_named() -> None:
+    """A front axle on a circle steers by the arc sine of wheelbase over radius."""
+    angle = np.linspace(0.0, 3.0, 200)
+    circle = Path.from_points("circle", 2.0 * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1), speed=0.5)
+    assert too_tight(circle, StanleySettings(wheelbase=0.9, max_steering=np.arcsin(0.46))) == ""
+    said = too_tight(circle, StanleySettings(wheelbase=0.9, max_steering=np.arcsin(0.4)))
+    assert re.search(r"'circle' turns more tightly than the vehicle can along 5\.\d+ of its 6 m \(radius 2 m", said)
+    assert "drives 2.25 m)" in said
+    rounded = Path.from_points("rounded", np.round(circle.points, 3), speed=0.5)
+    assert too_tight(rounded, StanleySettings(wheelbase=0.9, max_steering=np.arcsin(0.46))) == ""
+    corner = Path.from_points("corner", [[0.0, 0.0], [5.0, 0.0], [5.0, 5.0]], speed=0.5)
+    assert too_tight(corner, StanleySettings()) == "", "a corner is no stretch of road"

@@ -123,26 +123,32 @@ def bicycle(
 
 
 def follow_path(
-    paths: tuple[str, ...], simulator: Simulator, folder_of_plan: Path, gains: tuple[str, ...] = ("k1", "k2", "k3", "lead"),
-    nominal: Mapping[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
+    paths: tuple[str, ...], simulator: Simulator, folder_of_plan: Path, say: Callable[[str], None],
+    gains: tuple[str, ...] = ("k1", "k2", "k3", "lead"), nominal: Mapping[str, float] | None = None,
+    measure: str = "rms", point: str = "front", rate: float = 20.0,
     max_speed: float = 1.0, edges: tuple[float, float] = (0.5, 0.8), period: float = 0.02, speed: float | None = None,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> FollowPath:  # fmt: skip
     """Follow paths, each a course by name or a CSV file of waypoints beside the plan, with the Stanley controller.
 
-    `gains` are tuned from their `nominal` values; `speed` in m/s where a file has none. Raises PlanError for a simulator
-    that is no vehicle, UnknownNameError, FormatError.
+    A path that is too tight is told of by `say`. `gains` are tuned from their `nominal` values within `ranges`; `speed` in
+    m/s where a file has none. Raises PlanError for a simulator that is no vehicle, UnknownNameError, ParameterError,
+    FormatError.
     """
     from trueup.controllers.stanley import StanleySettings
-    from trueup.tasks.follow_path import FollowPath
+    from trueup.tasks.follow_path import FollowPath, too_tight
 
     vehicle = _vehicle(simulator)
     settings = StanleySettings(
         wheelbase=vehicle.wheelbase, max_steering=vehicle.max_steering, max_speed=max_speed, edges=edges, period=period
     )
     found = [_path(p, folder_of_plan, speed) for p in paths]
+    for words in filter(None, (too_tight(p, settings) for p in found)):
+        say(f"note: {words}")
     return FollowPath(
-        found, settings, names=gains, nominal=dict(nominal or {}), measure=measure, point=point, rate=rate
-    )
+        found, settings, names=gains, nominal=dict(nominal or {}), measure=measure, point=point, rate=rate,
+        ranges=ranges,
+    )  # fmt: skip
 
 
 def stand_in_vehicle(task: FollowPath, number: int = 0, seed: int = 0, failing: float = 0.0) -> StandInVehicle:

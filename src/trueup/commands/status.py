@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from trueup.campaign.edges import at_edges
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History, RoundStory
 from trueup.campaign.plan import Plan
@@ -63,6 +64,8 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
         console.print(f"{what}: {history.score(score)}{before}", highlight=False)
         shown = ", ".join(f"{k} = {history.setting(k, v)}" for k, v in settings.items())
         console.print(f"  {escape(shown)}", highlight=False, soft_wrap=True)
+        if words := at_edges(history):
+            console.print(f"  note: {escape(words)}", highlight=False, soft_wrap=True)
         for words in filter(None, (history.done_by_best, history.falls_of_best)):
             console.print(f"  the robot {words}", highlight=False)
     if history.ended is not None:

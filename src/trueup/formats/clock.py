@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Mask
 from trueup.errors import ClockError, FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
@@ -17,8 +17,6 @@ from trueup.units import canonical, to_si
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 SLOWEST, FASTEST = 2.0, 20_000.0
-# Repeated rows up to this share are put down to a hiccup of the logger.
-_FEW = 1e-2
 # What counters of 16 and 32 bits count until they begin anew [s].
 _ROUNDS = tuple(2.0**bits * to_si(unit)[1] for bits in (16, 32) for unit in ("ms", "us", "ns"))
 _EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
@@ -78,6 +76,9 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
         return samples
     if repair:
         return _repaired(samples, table, repair)
+    once = _once(samples)
+    if np.all(np.diff(samples.time[once]) > 0.0):
+        return _without_placeholder(_without_repeats(samples, once, table, held), table, held)
     back = np.flatnonzero(steps < 0.0)
     within = f" in column '{column}'" if column else ""
     if 2 * back.size > steps.size:
@@ -93,7 +94,12 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
             f'{samples.time[i + 1]:.9g} s{within} ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
             'order the rows, or repair = "drop" to leave out those that go back'
         )
-    return _without_repeats(samples, table, held)
+    again = np.flatnonzero(once[1:] & (steps == 0.0)) + 1
+    i = int(again[0])
+    raise ClockError(
+        f"{table.path}, {table.place(i)}: time {samples.time[i]:.9g} s again, with other values ({again.size} such rows of "
+        f'{len(steps) + 1}){within}; set repair = "drop" in [time] of the mapping to keep the first of each, or give a rate'
+    )
 
 
 def _going_on(samples: Samples, table: Table) -> Samples:
@@ -154,23 +160,19 @@ def _repaired(samples: Samples, table: Table, repair: Repair) -> Samples:
     return Samples(time[keep], values[keep], (*samples.warnings, warning))
 
 
-def _without_repeats(samples: Samples, table: Table, held: bool) -> Samples:
-    time, values = samples.time, samples.values
-    repeats = np.flatnonzero(np.diff(time) == 0.0) + 1
-    same = np.all((values[repeats] == values[repeats - 1]) | np.isnan(values[repeats]), axis=1)
-    few = repeats.size <= max(1, _FEW * len(time))
-    if not np.all(same) or not (held or few):
-        i = int(repeats[0] if np.all(same) else repeats[np.flatnonzero(~same)[0]])
-        kind = "the same values" if np.all(same) else "other values"
-        raise ClockError(
-            f"{table.path}, {table.place(i)}: time {time[i]:.9g} s again, with {kind} ({repeats.size} such rows of "
-            f'{len(time)}); set repair = "drop" in [time] of the mapping to keep the first of each, or give a rate'
-        )
-    keep = np.ones(len(time), dtype=bool)
-    keep[repeats] = False
-    warning = f"{table.name}: {repeats.size} rows that repeat the time and values of the row before were left out"
+def _once(samples: Samples) -> Mask:
+    """(T,) whether a row says something: not one that stands further up already, with its time and values."""
+    _, first, which = np.unique(samples.time, return_index=True, return_inverse=True)
+    earlier = first[which]
+    same = np.all((samples.values == samples.values[earlier]) | np.isnan(samples.values), axis=1)
+    return ~same | (earlier == np.arange(len(earlier)))
+
+
+def _without_repeats(samples: Samples, once: Mask, table: Table, held: bool) -> Samples:
+    repeats = int(np.count_nonzero(~once))
+    warning = f"{table.name}: {repeats} of {len(once)} rows that repeat the time and values of one before were left out"
     warnings = samples.warnings if held else (*samples.warnings, warning)
-    return _without_placeholder(Samples(time[keep], values[keep], warnings), table, held)
+    return Samples(samples.time[once], samples.values[once], warnings)
 
 
 def _without_placeholder(samples: Samples, table: Table, held: bool) -> Samples:

@@ -19,7 +19,7 @@ from trueup.formats.per_joint import joined
 from trueup.formats.rules.joints import read as reading_of
 from trueup.formats.rules.names import stem, taken_apart
 from trueup.formats.table import Table, listing
-from trueup.recording import Recording
+from trueup.recording import Recording, with_warnings
 
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
 _READERS = {
@@ -112,7 +112,10 @@ def _file(path: Path) -> list[Source]:
 
 
 def _folder(path: Path, together: bool) -> list[Source]:
-    """The recordings in a folder: the files complement each other, or are one recording each, or are in folders."""
+    """The recordings in a folder: the files complement each other, or are one recording each, or are in folders.
+
+    Folders beside files are not read (they may be older drives, or results), and the first recording says so.
+    """
     try:
         entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
     except OSError as error:
@@ -126,16 +129,31 @@ def _folder(path: Path, together: bool) -> list[Source]:
         if not below:
             raise FormatError(f"{path}: no file here can be read; files are: {listing(e.name for e in entries)}")
         return below
+    first, *others = _of_files(path, files, data, names.values(), together)
+    beside = [e.name for e in entries if e.is_dir() and not is_description(e) and is_recording(e)]
+    if not beside:
+        return [first, *others]
+    word = (
+        f"{path.name}: its own files ({listing((file.name for file in data), 3)}) were read, not the folders beside them: "
+        f"{listing(beside, 5)}; name these, or move the files away, to read the folders"
+    )
+    return [_with_warning(first, word), *others]
+
+
+def _of_files(
+    path: Path, files: Sequence[Path], data: Sequence[Path], names: Iterable[tuple[str, ...]], together: bool
+) -> list[Source]:
+    """The recordings in the files of a folder: `data` of them hold numbers; `names` are those that others list."""
     parts = [part for file in data for part in _file(file)]
     tables = tuple(table for part in parts for table in part.tables)
     one = joined(tables) if len(tables) == len(parts) > 1 else None
     if one is not None and not together:
-        return [_labelled(Source(path.name, tuple(files), (one,), reader=parts[0].reader), names.values())]
+        return [_labelled(Source(path.name, tuple(files), (one,), reader=parts[0].reader), names)]
     alone = any(part.recording is not None or part.reader == "bag" for part in parts)
     if alone or len(parts) == 1 or not (together or _complement(tables)):
-        return [_labelled(part, names.values()) for part in parts]
+        return [_labelled(part, names) for part in parts]
     whole = Source(path.name, tuple(files), tables, reader="+".join(dict.fromkeys(part.reader for part in parts)))
-    return [_labelled(whole, names.values())]
+    return [_labelled(whole, names)]
 
 
 def _below(entry: Path, together: bool) -> list[Source]:
@@ -181,6 +199,15 @@ def _labelled(source: Source, names: Iterable[tuple[str, ...]]) -> Source:
     if not labels:
         return source
     return replace(source, tables=tuple(replace(t, labels=t.labels or labels) for t in source.tables))
+
+
+def _with_warning(source: Source, word: str) -> Source:
+    """The source with one more warning about it."""
+    if source.recording is not None:
+        known = source.recording
+        return replace(source, recording=known.replace(provenance=with_warnings(known.provenance, [word])))
+    table, *others = source.tables
+    return replace(source, tables=(replace(table, warnings=(*table.warnings, word)), *others))
 
 
 def _sha256(path: Path) -> str:

@@ -17,6 +17,7 @@ from trueup.rounding import PRINTED
 _GAP = 1.75  # in median steps: one sample missing
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
 _MEASURED = ("position", "velocity", "torque", "current")
+_EVENTS = 0.5  # jitter as a share of the usual step, beyond which commands come when they change (by chance: about 1)
 _STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
 
 
@@ -241,7 +242,11 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
     """What to say about one channel, without its name."""
     if channel.gaps:
         yield _of_gaps(channel)
-    if np.isfinite(channel.rate) and channel.jitter > _JITTER / channel.rate:
+    scatter = channel.jitter * channel.rate if np.isfinite(channel.rate) else 0.0
+    if is_command(channel.name) and scatter > _EVENTS:
+        if not channel.gaps:
+            yield "commands come at no rate: right where only changes were logged, as each stays in force until the next"
+    elif scatter > _JITTER:
         yield (
             f"samples come at {channel.rate:.4g} Hz with {channel.jitter * 1e3:.2g} ms jitter; log the time at which "
             "each was taken, not the time at which it was written"

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
+from trueup.campaign.edges import at_edges
 from trueup.campaign.events import Scored
 from trueup.campaign.history import History, RoundStory, TrialStory, astray
 from trueup.campaign.plan import Plan
@@ -69,6 +70,7 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
         hero(counts, change(before, significant(best), unit),
              tag("div", words)),
         tag("h3", "The best settings"), facts((name, history.setting(name, value)) for name, value in settings.items()),
+        *([caption(f"{edges}.")] if (edges := at_edges(history)) else []),
         tag("h3", "Every candidate on the robot"),
         key(("before", "settings at first" if before else "tried first"), ("after", "on the robot"),
             ("ink", "hollow: what was expected" if history.on_robot else "best so far; hollow: what the simulator expected")),

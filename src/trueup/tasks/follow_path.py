@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.compiled import njit
+from trueup.controllers.controller import Observation
 from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout
@@ -28,6 +29,13 @@ LOST = 1.0
 A run that ends a hand's breadth before the path does is about as good as one that does not, and costs about as much.
 """
 
+UNLIKE = 0.3
+"""Share of what the law commands, from which what was commanded instead is said to be another's, and of the distance from
+one law, below which another explains it. Of three made-up robots the first was 0.2 at most where the pose is late and a
+`lead` acts on a turn rate that is only seen in the heading.
+"""
+_NOISE = 0.02  # rad, a degree: noise of the pose turns the wheels as far on a straight path
+
 _SLACK = 1.0 / 0.7
 """A robot that is as slow as a calibration reckons with (`wheel_scale`) still arrives: what it has not reached counts as
 lost, so that gains would be tuned for being early."""
@@ -40,15 +48,16 @@ class FollowPath:
     The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), of several paths the geometric
     mean, so that a tenth less counts alike on each and none rules, of the
     axle that the controller steers onto the path ('front'), or of the pose itself ('rear'): a front axle on the path means
-    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains; `duration` in s holds for all
-    paths, else each has a little more time than its target speed needs.
+    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains, `ranges`
+    the lowest and highest that are searched; `duration` in s holds for all paths, else each has a little more time than its
+    target speed needs.
     Raises ParameterError without paths, UnknownNameError for other points or measures.
     """
 
     def __init__(
         self, paths: Sequence[Path], settings: StanleySettings | None = None, *, names: tuple[str, ...] = GAINS,
         nominal: dict[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
-        duration: float | None = None,
+        duration: float | None = None, ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:  # fmt: skip
         if not paths:
             raise ParameterError("a path-following task needs at least one path")
@@ -57,7 +66,7 @@ class FollowPath:
                 raise unknown_name(kind, value, known, "what a path-following task can judge by")
         self.paths = tuple(paths)
         self.settings = settings or StanleySettings()
-        self.parameters: ParameterSpace = gain_space(names, self.settings.edges, **(nominal or {}))
+        self.parameters: ParameterSpace = gain_space(names, self.settings.edges, ranges, **(nominal or {}))
         self.measure, self.point = measure, point
         self.trials = tuple(trial_of(p, self.settings, rate, duration) for p in self.paths)
 
@@ -95,11 +104,64 @@ class FollowPath:
         found = []
         for rollout, path in zip(rollouts, self.paths, strict=True):
             missing = self._judged(self.driven(rollout), path)[:, 1]
-            found.append(tuple(
+            found.append((*(
                 f"the last {m:.3g} m of path '{path.name}' were not reached, and count with how far on they lie: a log is to "
                 "go on until the path's end is passed" for m in missing if m > path.arc[-1] - path.arc[-2]
-            ))  # fmt: skip
+            ), *self._steered_otherwise(rollout, path)))  # fmt: skip
         return tuple(found)
+
+    def _steered_otherwise(self, rollout: Rollout, path: Path) -> list[str]:
+        """A sentence for each run whose steering is not what the law commands along it, where its settings are known.
+
+        Each sample is compared with the law at the pose that was logged then. What only noise and late poses do to it
+        averages out over a stretch of road; another law, other gains or another run's log do not.
+        """
+        found = []
+        for row, settings in enumerate([] if rollout.settings is None else rollout.settings):
+            apart, spread = self._apart(rollout, row, settings, path)
+            today = self._apart(rollout, row, self.parameters.nominal, path)[0]
+            if apart > _NOISE and today < UNLIKE * apart:
+                found.append(
+                    f"what was steered along path '{path.name}' is what the law commands with the settings of today, to "
+                    f"{today:.2g} rad, and {apart:.2g} rad from what it commands with those of this run: were they set? "
+                    "`trueup resume --retract` asks for the run again"
+                )
+            elif apart > max(UNLIKE * spread, _NOISE):
+                found.append(
+                    f"what was steered along path '{path.name}' is {apart:.2g} rad from what the law commands with these "
+                    f"settings where the log says the robot was (it commands {spread:.2g} rad; both root mean square): were "
+                    "these settings in force, is this the log of this run, and is the robot's law that of docs/vehicles.md? "
+                    "`trueup resume --retract` takes a wrong log back"
+                )
+        return found
+
+    def _apart(self, rollout: Rollout, row: int, settings: Array, path: Path) -> tuple[float, float]:
+        """By how much the steering of a run differs from the law's with `settings` (m,), and how much that steers, in rad."""
+        lawful, done = self._along(rollout, row, settings, path)
+        if not len(done):
+            return 0.0, 0.0
+        return float(np.sqrt(np.mean((done - lawful) ** 2))), float(np.sqrt(np.mean(lawful**2)))
+
+    def _along(self, rollout: Rollout, row: int, settings: Array, path: Path) -> tuple[Array, Array]:
+        """(n,) steering by the law with `settings` (m,) along a run, and as it was commanded, each the mean of a second."""
+        names = ("position", "heading", "speed", "command")
+        known = np.isfinite(np.concatenate([rollout.channels[n][row] for n in names], axis=1)).all(axis=1)
+        time = rollout.trial.observed["position"].time[known]
+        position, heading, speed, command = (rollout.channels[n][row][known] for n in names)
+        if len(time) < 3:
+            return np.zeros(0), np.zeros(0)
+        turn = np.gradient(np.unwrap(heading[:, 0]), time)
+        law = Stanley(settings, self.settings, names=self.parameters.names, path=path)
+        pose, velocity = np.hstack([position, heading]), np.column_stack([speed[:, 0], turn])
+        seen = [
+            Observation(t, p[None], v[None], {}, rollout.trial) for t, p, v in zip(time, pose, velocity, strict=True)
+        ]
+        law.reset(seen[0])
+        lawful = np.array([law.command(o)[0] for o in seen])
+        driving = lawful[:, 0] > 0.0  # not beyond the path's end
+        second = np.floor(time - time[0]).astype(int)[driving]
+        count = np.maximum(np.bincount(second), 1)
+        return np.bincount(second, lawful[driving, 1]) / count, np.bincount(second, command[driving, 1]) / count
 
     def _judged(self, driven: Array, path: Path) -> Array:
         """(b, 2) distance from a path by the task's measure, and how much of it was not reached, in m."""
@@ -145,6 +207,31 @@ def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration
             "in the score as far from it as it lies.",
         ),
     )  # fmt: skip
+
+
+def too_tight(path: Path, settings: StanleySettings) -> str:
+    """A sentence where a path turns more tightly than the front axle can, for longer than the vehicle; '' elsewhere.
+
+    Curvature is the mean along a wheelbase: points that are rounded to a millimetre bend a path that does not.
+    """
+    most = float(np.sin(min(settings.max_steering, 0.5 * np.pi))) / settings.wheelbase
+    ahead = np.interp(path.arc + settings.wheelbase, path.arc, path.heading)
+    curvature = np.abs(ahead - path.heading) / settings.wheelbase
+    changes = np.flatnonzero(
+        np.diff(np.concatenate([[False], curvature > most * (1.0 + PRINTED), [False]]).astype(int))
+    )
+    # A corner alone is beyond it from a wheelbase before.
+    runs = path.arc[changes[1::2] - 1] - path.arc[changes[::2]]
+    beyond = float(runs[runs > settings.wheelbase * (1.0 + PRINTED)].sum())
+    if not beyond:
+        return ""
+    tightest = float(curvature.max())
+    return (
+        f"path '{path.name}' turns more tightly than the vehicle can along {beyond:.3g} of its {path.length:.3g} m "
+        f"(radius {1.0 / tightest:.3g} m; a front axle {settings.wheelbase:.3g} m ahead that steers by "
+        f"{settings.max_steering:.3g} rad drives {1.0 / most:.3g} m): whatever the gains, it leaves the path "
+        "there. Give a wider path, or mend wheelbase (m) and max_steering (rad)"
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

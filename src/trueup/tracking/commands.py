@@ -49,7 +49,8 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
             )
         raise RecordingError(
             f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
-            f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping: [channels.command] "
+            f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping (`trueup inspect LOG "
+            "--model CAR.toml --force` writes one of what drives a vehicle): [channels.command] "
             'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]; of a robot with two driven '
             'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s" '
             '(["left_duty", "right_duty"] of PWM)'

@@ -51,6 +51,9 @@ class Past:
     doubt: Array
     """(3,) standard deviations of x, y (m) and heading (rad) as they are seen at an instant."""
 
+    earliest: int
+    """The first instant at which a stretch may begin: before it, there is no grid to settle on."""
+
     @classmethod
     def of(cls, trial: Trial, step: float, labels: tuple[str, str], *, turned: bool = False) -> Past:
         """From a trial's command (throttle, held between its samples, and steering) and measured 'position' and 'heading'.
@@ -73,7 +76,8 @@ class Past:
         if rested:
             commands[:commanded, : 1 + turned] = 0.0  # where wheels of a car that stands point no speed tells
         log_begin = np.array([commanded, max(commanded, int(np.argmax(known))), int(rested)])
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, log_begin, lag, doubt)
+        earliest = round((trial.start - begin) / step)
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, log_begin, lag, doubt, earliest)
 
     @classmethod
     def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -83,16 +87,16 @@ class Past:
         """
         if trial.command is None:
             raise RecordingError(f"trial '{trial.name}' has no command, and no controller is given")
-        begin, grid = _grid(trial, step)
         state, command = start_state(trial), trial.command.select(labels)
+        begin, grid = _grid(trial, step, trial.start - float(command.time[0]))
         commands = between(grid, command.time, command.values)
         if labels[0] == "speed":
             commands[grid < command.time[0] - SAME_INSTANT, 0] = state[PLACE["speed"]]
         seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
-        first = round((PAST + SETTLE) / step)
+        first = round((trial.start - begin) / step)
         seen[first], known[first] = state, True
         return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), np.zeros(3, dtype=np.int64), 2,
-                   np.zeros(3))  # fmt: skip
+                   np.zeros(3), first)  # fmt: skip
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
@@ -107,11 +111,6 @@ class Past:
     def settle(self) -> int:
         """Steps of SETTLE."""
         return round(SETTLE / self.step)
-
-    @property
-    def earliest(self) -> int:
-        """The first instant at which a stretch may begin: before it, there is no grid to settle on."""
-        return round((PAST + SETTLE) / self.step)
 
 
 def first_state(drive: Past, least: float) -> Integers:
@@ -141,9 +140,11 @@ def _drives(drive: Past) -> float:
     return min(MOVES, max(0.5 * often, _SLOWEST))
 
 
-def _grid(trial: Trial, step: float) -> tuple[float, Array]:
-    """Where the grid begins, and its instants: the trial and what comes before it, a multiple of `step` away."""
-    lead = round((PAST + SETTLE) / step)
+def _grid(trial: Trial, step: float, before: float = 0.0) -> tuple[float, Array]:
+    """Where the grid begins, and its instants: the trial and what comes before it, at least `before` s, a multiple of `step`
+    away.
+    """
+    lead = max(round((PAST + SETTLE) / step), int(np.ceil(before / step - PRINTED)))
     count = lead + int(np.ceil(trial.duration / step)) + 3
     begin = trial.start - lead * step
     return begin, begin + step * np.arange(count, dtype=np.float64)

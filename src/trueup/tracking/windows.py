@@ -12,25 +12,29 @@ from trueup.errors import RecordingError
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording, is_command, part_of
 from trueup.rounding import SAME_INSTANT
-from trueup.tracking.past import PAST
 
 LENGTH = 6.0
 """In s: long enough to see a delay and a curve, too short to drift far away."""
+_BEFORE = 20.0
+"""In s: commands that come before. A steering that is limited in speed is where those have brought it that it took since it
+stood at its other end: at the slowest that is searched (`steering_rate_limit`, 0.1 rad/s) 2 rad.
+"""
 _MOVES = 0.1  # m: a window in which the vehicle stands tells nothing
 
 
 def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
-    """Pieces of `length` s, end to end, each with the commands of some seconds before it.
+    """Pieces of `length` s, end to end, each with the commands of `_BEFORE` s before it.
 
-    These still act when it begins, because of delays. Pieces in which nothing moves are left out. Raises RecordingError
-    where none is left.
+    These still act when it begins, because of delays and slow wheels. Pieces in which nothing moves are left out. Raises
+    RecordingError where none is left.
     """
     if not length > 0.0:
         raise RecordingError(f"windows of {length} s: their length must be positive")
     pieces = []
     for start in np.arange(recording.time[0], recording.time[-1] - 0.5 * length, length).tolist():
         cuts = {
-            n: _cut(c, start - PAST if is_command(n) else start, start + length) for n, c in recording.channels.items()
+            n: _cut(c, start - _BEFORE if is_command(n) else start, start + length)
+            for n, c in recording.channels.items()
         }
         channels = {name: cut for name, cut in cuts.items() if cut is not None}
         if "position" in channels and moves(channels["position"].values):

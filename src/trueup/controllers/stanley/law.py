@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,23 +77,30 @@ class StanleySettings:
 
 
 def gain_space(
-    names: tuple[str, ...] = GAINS, edges: tuple[float, float] = (0.5, 0.8), /, **nominal: float
-) -> ParameterSpace:
+    names: tuple[str, ...] = GAINS, edges: tuple[float, float] = (0.5, 0.8),
+    ranges: Mapping[str, tuple[float, float]] | None = None, /, **nominal: float,
+) -> ParameterSpace:  # fmt: skip
     """The parameters `names` of the controller, whose gain changes at the speeds `edges` in m/s, with other nominal values
-    where given. Raises UnknownNameError.
+    and `ranges` (lowest and highest) where given. Raises UnknownNameError, ParameterError.
     """
     everything = ParameterSpace(_OPTIONS)
     for name in names:
         if name not in everything.names:
             raise unknown_name("parameter", name, everything.names, "the path follower")
-    for name in nominal:
+    widths = dict(ranges or {})
+    for name in (*nominal, *widths):
         if name not in names:
-            raise unknown_name("nominal parameter", name, names, "what is tuned")
+            raise unknown_name(
+                "range of parameter" if name in widths else "nominal parameter", name, names, "what is tuned"
+            )
     low, high = (f"{edge:.4g}" for edge in edges)
     ranges = {"k1": f"below {low}", "k2": f"from {low} to {high}", "k3": f"above {high}"}
     means = {k: f"cross-track gain {speeds} m/s" for k, speeds in ranges.items()}
     return ParameterSpace(tuple(
-        p.replace(nominal=float(nominal.get(p.name, p.nominal)), source=means.get(p.name, p.source))
+        p.replace(
+            nominal=float(nominal.get(p.name, p.nominal)), source=means.get(p.name, p.source),
+            lower=float(widths.get(p.name, (p.lower,))[0]), upper=float(widths.get(p.name, (p.upper,))[-1]),
+        )
         for p in (everything[name] for name in names)
     ))  # fmt: skip
 

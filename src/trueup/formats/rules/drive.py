@@ -14,9 +14,11 @@ from trueup.formats.rules import joints, vehicles, wheels, wiring
 from trueup.formats.rules.commanded import commanded
 from trueup.formats.rules.names import listed
 from trueup.formats.rules.rule import Column, Part
-from trueup.formats.rules.sizes import rate_factor, speed_of
+from trueup.formats.rules.sizes import instants_of, rate_factor, speed_of, usable
 from trueup.formats.rules.vehicles import Signal, best
+from trueup.formats.table import listing
 from trueup.inspection.relations import nearest
+from trueup.recording import is_command
 from trueup.samples import is_unit
 from trueup.units import FULL_LOCK, are_pulses, canonical, hardly_radians, to_si
 
@@ -65,10 +67,20 @@ def drive(columns: Sequence[Column], time: TimeColumn, *, vehicle: bool = False)
     return parts + _measured(rest, parts, time) + [wiring.part(n, pair) for n, pair in seen.items()]
 
 
+def ridden(columns: Sequence[Column], time: TimeColumn) -> list[str]:
+    """Says where a log of joints also holds what drives a base and where that went: a mapping has one of the two."""
+    parts = drive(columns, time, vehicle=True)
+    told = [column.name for part in parts if is_command(part.channel) for column in part.columns]
+    if not told or not any(part.channel == "position" for part in parts):
+        return []
+    return [f"{listing(told, 4)}: these look like what drives a vehicle that the joints ride on; this mapping is of the "
+            "joints, and with a vehicle's file (--model base.toml, [vehicle]) it is of the vehicle"]  # fmt: skip
+
+
 def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) -> list[Part]:
     """Position, heading, speed and turn rate among signals that drive nothing."""
     place = _place(signals)
-    found = [_part("position", place, time, ())] if place else []
+    found = [_part("position", place, time, parts)] if place else []
     found += _direction(signals, next(iter(place.values())).source if place else frozenset(), time)
     for name in ("speed", "yaw_rate"):
         one = best([s for s in signals if s.kind == name and not s.commanded and s not in place.values()])
@@ -162,6 +174,12 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
     more += f"; the numbers of {' and '.join(degrees)} are degrees" if degrees else ""
     if channel == "speed" and not _says(signals[own]) and (unit := _unit_of_speed(columns[0], parts, time)):
         scale, more = (to_si(unit)[1],), f"; by the way its numbers are {unit}"
+    if (
+        channel == "position"
+        and not any(map(_says, signals.values()))
+        and (unit := _unit_of_place(columns, parts, time))
+    ):
+        scale, more = (to_si(unit)[1],), f"; by the commanded speed its numbers are {unit}"
     if channel == "yaw_rate" and not _says(signals[own]) and _turns_in_degrees(columns[0], parts, time):
         scale, more = (math.radians(1.0),), "; by the heading its numbers are degrees per second"
     note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
@@ -238,6 +256,24 @@ def _unit_of_speed(column: Column, parts: Sequence[Part], time: TimeColumn) -> s
     usual, shown = (float(np.median(np.abs(x))) if len(x) else 0.0 for x in (along, column.known))
     unit = nearest(shown / usual, {u: 1.0 / to_si(u)[1] for u in _SPEEDS}) if usual > 0.0 else ""
     return unit if unit != "m/s" else ""
+
+
+def _unit_of_place(place: Sequence[Column], parts: Sequence[Part], time: TimeColumn) -> str:
+    """The unit of a place in which the way driven takes as long as at the commanded speed, if that is not m; '' where this is
+    not to be told: lags, slip and rests make less than a factor of two. Places are a second apart, as noise adds up to a way.
+    """
+    told = [part.columns[part.labels.index("speed")] for part in parts
+            if is_command(part.channel) and "speed" in part.labels and "m/s" in part.units]  # fmt: skip
+    instants = instants_of(place[0], time)
+    if not told or not len(instants) or any(c.table is not place[0].table or c.values.ndim > 1 for c in place):
+        return ""
+    if np.count_nonzero(good := usable(instants, *(c.values for c in place))) < 2:
+        return ""
+    seconds = np.arange(instants[good][0], instants[good][-1], 1.0)
+    way = np.stack([np.interp(seconds, instants[good], c.values[good]) for c in place], axis=1)
+    commanded = float(np.mean(np.abs(told[0].known))) * max(len(seconds) - 1, 0)
+    driven = float(np.hypot(*np.diff(way, axis=0).T).sum())
+    return next((u for u in ("cm", "mm") if 0.5 * commanded < to_si(u)[1] * driven < 2.0 * commanded), "")
 
 
 def _turns_in_degrees(column: Column, parts: Sequence[Part], time: TimeColumn) -> bool:

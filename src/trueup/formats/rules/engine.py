@@ -23,7 +23,7 @@ from trueup.formats.rules.coherence import (
     without_places,
     without_sensors,
 )
-from trueup.formats.rules.drive import Part, drive
+from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.names import axes, stem, taken_apart, with_actual, words
 from trueup.formats.rules.rule import Column
@@ -67,6 +67,7 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     columns_of = {name: [p.column for p in group] for name, group in groups.items()}
     more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, columns_of, clocks)
     more += _put_aside(channels, columns_of, driven=bool(parts))
+    more += ridden(columns, clocks.main) if known == () and not parts else []
     return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
 
