@@ -210,6 +210,18 @@ def test_a_clock_in_another_unit_is_named_and_a_mapping_mends_it(bench: Bench) -
     assert recording.duration == pytest.approx(DURATION, abs=0.03)
 
 
+def test_a_log_in_degrees_that_names_no_unit_is_not_taken_and_its_unit_mends_it(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    lines = log_text(head=("time", *JOINTS, *(f"position/{j}" for j in JOINTS))).splitlines()[1:]
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])[:, [0, 4, 5, 6]]
+    rows[:, 1:] = np.degrees(rows[:, 1:])
+    for unit, taken in (("", False), (" [deg]", True)):
+        head = ",".join(["time", *(f"position/{j}{unit}" for j in JOINTS)])
+        bench.drop("trial-001.csv", "\n".join([head, *(",".join(f"{v:.6g}" for v in row) for row in rows)]))
+        assert "position in degrees; say the unit of the log in mapping.toml" in bench.look()
+        assert bool(bench.outcome()) is taken
+
+
 def test_a_file_that_is_still_being_written_is_left_until_it_rests(bench: Bench) -> None:
     bench.robot.hand_out([trial()])
     text = log_text()
