@@ -350,6 +350,24 @@ def test_logs_of_runs_that_look_alike_must_be_named(bench: Bench) -> None:
     assert len(bench.robot.perform(runs[1])) == 1
 
 
+def test_a_log_in_which_no_commanded_joint_moved_is_not_taken() -> None:
+    held = Channel("position", JOINTS, "rad", TIME, np.full((len(TIME), 3), 0.3) + 3e-3 * motion())
+    (said,) = mismatches(trial(), Recording("run", {"position": held}))
+    assert "no joint moved: 'hip' stays within 0.0036 rad, where its command ranges over 1.2 rad: run it again" in said
+    one = held.replace(values=np.column_stack([held.values[:, :2], motion()[:, 2]]))
+    assert not mismatches(trial(), Recording("run", {"position": one}))
+
+
+def test_a_joint_that_turns_against_its_command_may_be_logged_with_the_other_sign() -> None:
+    alike = motion()[:, [0, 0, 2]] * [1.0, -1.0, 1.0]
+    asked = trial().command
+    assert asked is not None
+    told = replace(trial(), command=asked.replace(values=alike))
+    turned = Channel("position", JOINTS, "rad", TIME, alike * [-1.0, 1.0, 1.0])
+    (said,) = mismatches(told, Recording("run", {"position": turned}))
+    assert "in another order, or 'hip' is logged with the other sign" in said
+
+
 def test_positions_far_from_the_path_are_another_run(bench: Bench) -> None:
     bench.robot.hand_out([drive("trial-001", 1.0)])
     bench.drop("trial-001.csv", "time,position/x,position/y\n" + "".join(f"{t:.3f},{1e3 * t:.4f},{30}\n" for t in TIME))

@@ -74,9 +74,11 @@ def swapped(asked: Channel, recording: Recording) -> Unlike | None:
         alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
         best = int(np.argmax(alike))
         if best != k and alike[best] > 0.8 and alike[k] < 0.5:
+            own = correlation(moved[:, best], request[:, best])
+            turned = f", or '{label}' is logged with the other sign" if alike[k] < -0.8 and own > 0.8 else ""
             return Unlike(
                 "order",
-                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order",
+                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order{turned}",
             )
     return None
 
