@@ -76,10 +76,8 @@ def swapped(asked: Channel, recording: Recording) -> Unlike | None:
         if best != k and alike[best] > 0.8 and alike[k] < 0.5:
             own = correlation(moved[:, best], request[:, best])
             turned = f", or '{label}' is logged with the other sign" if alike[k] < -0.8 and own > 0.8 else ""
-            return Unlike(
-                "order",
-                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order{turned}",
-            )
+            followed = f"the position of '{label}' follows what was asked of '{labels[best]}'"
+            return Unlike("order", f"{followed}: the joints are in another order{turned}")
     return None
 
 
