@@ -17,8 +17,6 @@ from trueup.units import canonical, to_si
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 SLOWEST, FASTEST = 2.0, 20_000.0
-# Repeated rows up to this share are put down to a hiccup of the logger.
-_FEW = 1e-2
 # What counters of 16 and 32 bits count until they begin anew [s].
 _ROUNDS = tuple(2.0**bits * to_si(unit)[1] for bits in (16, 32) for unit in ("ms", "us", "ns"))
 _EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
@@ -158,12 +156,10 @@ def _without_repeats(samples: Samples, table: Table, held: bool) -> Samples:
     time, values = samples.time, samples.values
     repeats = np.flatnonzero(np.diff(time) == 0.0) + 1
     same = np.all((values[repeats] == values[repeats - 1]) | np.isnan(values[repeats]), axis=1)
-    few = repeats.size <= max(1, _FEW * len(time))
-    if not np.all(same) or not (held or few):
-        i = int(repeats[0] if np.all(same) else repeats[np.flatnonzero(~same)[0]])
-        kind = "the same values" if np.all(same) else "other values"
+    if not np.all(same):
+        i = int(repeats[np.flatnonzero(~same)[0]])
         raise ClockError(
-            f"{table.path}, {table.place(i)}: time {time[i]:.9g} s again, with {kind} ({repeats.size} such rows of "
+            f"{table.path}, {table.place(i)}: time {time[i]:.9g} s again, with other values ({repeats.size} such rows of "
             f'{len(time)}); set repair = "drop" in [time] of the mapping to keep the first of each, or give a rate'
         )
     keep = np.ones(len(time), dtype=bool)

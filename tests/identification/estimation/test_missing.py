@@ -56,3 +56,9 @@ def test_a_joint_that_lacks_most_of_its_values_is_named(arms: SimpleNamespace, f
     made = without(arms.recording(arms.arm(), np.random.default_rng(1), seconds=2.0), "torque", 3, first, 3.0)
     with pytest.raises(IdentificationError, match=r"samples of 'joint4' are missing; cut the log .* \(--lock joint4\)"):
         bridged(made.channel("torque"), "run")
+
+
+def test_what_was_left_out_when_a_log_was_read_is_said(arms: SimpleNamespace) -> None:
+    made = arms.recording(arms.arm(), np.random.default_rng(1), seconds=8.0)
+    read = made.replace(provenance={"warnings": "run.csv: 3 rows were left out"})
+    assert "'run': run.csv: 3 rows were left out" in identify(arms.arm(), [read], options=FAST).warnings

@@ -25,7 +25,7 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.inspection.spikes import without_spikes
 from trueup.inspection.turns import unwrapped
-from trueup.recording import Channel, Recording
+from trueup.recording import Channel, Recording, warnings_of
 
 TORQUES = ("torque", "current", "load")
 """Channels that may hold torque, the first one present counts."""
@@ -130,7 +130,7 @@ def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
     velocity = recording.channels.get("velocity")
     usable = velocity is not None and all(j in velocity.labels for j in tree.joints)
     turning, said = _unwound(position, tree, recording.name)
-    notes = [*said, *_unitless(source, tree, drives)]
+    notes = [*warnings_of(recording), *said, *_unitless(source, tree, drives)]
     measured = [turning, source, *([velocity] if usable and velocity is not None else [])]
     lost, (places, torques, *speeds) = _sound(measured, tree, time, recording.name, notes)
     return Log(
