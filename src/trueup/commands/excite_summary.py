@@ -10,7 +10,7 @@ import numpy as np
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from trueup.arrays import Array
 from trueup.errors import listed
@@ -39,8 +39,9 @@ def limits_table(problem: ExcitationProblem, outcome: Outcome) -> Table:
     letters = {source: chr(ord("a") + k) for k, source in enumerate(others)}
     said = "; ".join(f"{letter}: {source}" for source, letter in letters.items())
     heads = ("range", "speed", "acceler.", "rms torque", "peak torque")
-    table = Table("joint", *heads, box=SIMPLE, title="taken / allowed, in rad, s, N m (m, N of slides)", title_justify="left",
-                  caption=f"{said}; others: model file" if said else None, caption_justify="left")  # fmt: skip
+    columns = [Column(head, overflow="fold") for head in heads]  # on a narrow terminal, too, every limit is told
+    table = Table("joint", *columns, box=SIMPLE, title="taken / allowed, in rad, s, N m (m, N of slides)",
+                  title_justify="left", caption=f"{said}; others: model file" if said else None, caption_justify="left")  # fmt: skip
     for k, joint in enumerate(limits.joints):
         spans = (used["lower"], used["upper"]), (limits.lower, limits.upper)
         cells = ["/".join(f"{low[k]:.2g}..{high[k]:.2g}" for low, high in spans) + _mark(limits, "lower", k, letters)]
@@ -94,8 +95,9 @@ def show(
     if len(outcome.passes) > 1:
         said = f" at {', '.join(slower)} of the speed" if slower else ""
         lines.append(f"{len(outcome.passes)} passes over the same path{said}, so that friction and inertia part")
-    start = ", ".join(f"{j} {v:.2f}" for j, v in zip(t.joints, t.q[0], strict=True))
-    lines.append(f"bring the arm to its start first: {start} rad")
+    units = ["m" if slides else "rad" for slides in np.asarray(problem.criterion.model.tree.prismatic).tolist()]
+    start = ", ".join(f"{j} {v:.2f} {unit}" for j, v, unit in zip(t.joints, t.q[0], units, strict=True))
+    lines.append(f"bring the arm to its start first: {start}")
     for line in lines:
         console.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
 
