@@ -110,7 +110,7 @@ def _weightless(light: dict[str, _Beside], tree: KinematicTree) -> str:
 
 
 def _times(joints: dict[str, _Beside], what: int) -> str:
-    return listed([f"{x.values[what]:.2g}" for x in joints.values()])
+    return listed([f"{x.values[what]:.{3 if abs(x.values[what]) > 10.0 else 2}g}" for x in joints.values()])
 
 
 def _compared(logs: Sequence[Log], tree: KinematicTree) -> dict[int, _Beside]:

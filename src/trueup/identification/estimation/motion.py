@@ -164,8 +164,7 @@ def _sound(
 
 
 def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, ...]:
-    logged = {"torque": "N m", "current": source.unit or "A"}.get(source.name, source.unit or "units of load")
-    known = source.name == "torque"
+    logged, known = source.unit or f"units of {source.name}", source.name == "torque"
     return tuple(
         ("N" if slides else "N m") if known or joint in drives.known_constants else logged
         for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True)
@@ -173,7 +172,12 @@ def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, .
 
 
 def _unitless(source: Channel, tree: KinematicTree, drives: Drives) -> list[str]:
-    """What to mind where nothing says in which unit the torque is."""
+    """What to mind where nothing says in which unit the torque is, or the current that constants make a torque."""
+    if source.name == "current" and not source.unit and set(drives.known_constants) & set(tree.joints):
+        return [
+            "nothing says in which unit current is; it was taken as A, which torque constants are for. If it is not (mA, "
+            "counts of a servo), say unit in the mapping, with scale where it is counts"
+        ]
     if source.name != "torque" or source.unit or all(joint in drives.known_constants for joint in tree.joints):
         return []
     return [
