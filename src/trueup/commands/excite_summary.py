@@ -69,8 +69,7 @@ def show(
 ) -> None:
     """What a user wants to know before the arm moves: how fast, how near, what it will tell."""
     t, limits = outcome.trajectory, problem.feasibility.limits
-    shares = 100.0 * np.abs(t.qd).max(axis=0) / limits.speed
-    k = int(np.argmax(shares))
+    k = int(np.argmax(shares := 100.0 * np.abs(t.qd).max(axis=0) / limits.speed))
     near = f", clear of collision by {100 * outcome.clearance:.1f} cm ({outcome.nearest})" if outcome.nearest else ""
     lines = [
         f"{t.duration:.1f} s trajectory, reaches {shares[k]:.0f} % of speed limits ({t.joints[k]}){near}, "
@@ -97,9 +96,9 @@ def show(
     if len(outcome.passes) > 1:
         said = f" at {', '.join(slower)} of the speed" if slower else ""
         lines.append(f"{len(outcome.passes)} passes over the same path{said}, so that friction and inertia part")
-    units = ["m" if slides else "rad" for slides in np.asarray(problem.criterion.model.tree.prismatic).tolist()]
-    start = ", ".join(f"{j} {v:.2f} {unit}" for j, v, unit in zip(t.joints, t.q[0], units, strict=True))
-    lines.append(f"bring the arm to its start first: {start}")
+    slides = np.asarray(problem.criterion.model.tree.prismatic).tolist()
+    start = [f"{j} {v:.2f} {'m' if s else 'rad'}" for j, v, s in zip(t.joints, t.q[0], slides, strict=True)]
+    lines.append(f"bring the arm to its start first: {', '.join(start)}")
     for line in lines:
         console.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
 
