@@ -265,6 +265,11 @@ def with_warnings(provenance: Mapping[str, str], warnings: Iterable[str]) -> dic
     return {**provenance, "warnings": "\n".join(lines)} if lines else dict(provenance)
 
 
+def warnings_of(recording: Recording) -> list[str]:
+    """What was to be minded when it was read, such as rows that were left out, each with its name."""
+    return [f"'{recording.name}': {line}" for line in recording.provenance.get("warnings", "").splitlines() if line]
+
+
 def _cut(channel: Channel, start: float, stop: float, first: float) -> Channel | None:
     keep = (channel.time >= start - SAME_INSTANT) & (channel.time <= stop + SAME_INSTANT)
     time, values = channel.time[keep], channel.values[keep]

@@ -209,6 +209,8 @@ def test_impossible_benches_and_recordings_are_named(tmp_path: Path) -> None:
     path.write_text("mas = 1.0\n", encoding="utf-8")
     with pytest.raises(ParameterError, match=r"unknown key 'mas'.*did you mean 'mass'"):
         Bench.read(path)
+    with pytest.raises(ParameterError, match=r"length is 150 m; is that mm or cm\?"):
+        Bench(mass=0.35, length=150.0)
     (one,) = recordings(TRUTH, ("sines",))
     with pytest.raises(UnknownNameError, match="elbow"):
         runs_of([one], BENCH, "elbow")
@@ -217,6 +219,21 @@ def test_impossible_benches_and_recordings_are_named(tmp_path: Path) -> None:
     without = Recording("log", {"position": one.channel("position")})
     with pytest.raises(RecordingError, match="no command"):
         runs_of([without], BENCH)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(-1.0, "command has the other sign"), (57.3, "position in degrees")])
+def test_a_position_that_cannot_follow_its_command_so_is_refused(factor: float, said: str) -> None:
+    (one,) = recordings(TRUTH, ("sines",))
+    told = one.channel("command")
+    followed = told.replace(name="position", values=0.95 * factor * np.roll(told.values, 3, axis=0))
+    with pytest.raises(RecordingError, match=f"{said}.*Correct unit or sign in the mapping.*sines"):
+        identify_actuator([one.with_channel(followed)], bench=BENCH)
+
+
+def test_what_was_left_out_when_a_log_was_read_is_said() -> None:
+    (one,) = recordings(TRUTH, ("sines",))
+    read = one.replace(provenance={"warnings": "sines.csv: 3 rows were left out"})
+    assert "'sines': sines.csv: 3 rows were left out" in runs_of([read], BENCH)[2]
 
 
 def test_the_page_shows_what_works(found: Actuator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

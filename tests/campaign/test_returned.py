@@ -121,3 +121,10 @@ def test_joints_in_another_order_than_their_labels_are_named() -> None:
     trial, measured = sent(("b", "a"))
     with pytest.raises(TrialError, match=r"the position of 'a' follows what was asked of 'b'.*order of the columns"):
         as_asked(trial, [measured])
+
+
+def test_positions_in_degrees_that_are_called_radians_are_named() -> None:
+    trial, measured = sent()
+    place = measured.channel("position")
+    with pytest.raises(TrialError, match=r"of a, b is about 0.0175 times position.*position in degrees"):
+        as_asked(trial, [measured.with_channel(place.replace(values=np.degrees(place.values)))])

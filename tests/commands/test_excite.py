@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -51,6 +52,19 @@ def test_a_motion_comes_out_with_all_its_files(arm: Path, capsys: pytest.Capture
     assert json.loads((out / "trajectory.json").read_text())["clearance"] >= 0.02
     assert main(["excite", str(arm), "--out", str(out), "--duration", "8", "--budget", "1", "-q"]) == 0
     assert (arm.parent / "out-2" / "trajectory.csv").is_file()
+
+
+def test_every_limit_is_told_on_a_narrow_terminal_and_where_a_slide_starts_in_metres(
+    arm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    slide = 'name="lift" type="slide" axis="0 0 1" range="-0.123 0.234"'
+    arm.write_text(arm.read_text().replace('name="lift" axis="0 1 0" range="-2.5 2.5"', slide))
+    out = arm.parent / "out"
+    assert main(["excite", str(arm), "--out", str(out), "--duration", "6", "--budget", "1", "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "\N{HORIZONTAL ELLIPSIS}" not in said
+    assert re.search(r"bring the arm to its start first: .*lift [-.\d]+ m, bend [-.\d]+ rad\n", said)
 
 
 def test_the_same_seed_gives_the_same_motion_and_json_is_for_scripts(

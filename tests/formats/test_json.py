@@ -63,6 +63,28 @@ def test_names_and_gains_in_lists_are_those_of_the_joints(tmp_path: Path) -> Non
     assert setting(log, "kp") == {"hip": 20.0, "knee": 30.0}
 
 
+def test_names_in_each_line_say_which_number_is_whose_in_whatever_order(tmp_path: Path) -> None:
+    both = [{"hip": t, "knee": 2 * t} for t in TIMES]
+    orders = [list(each) if k % 2 else list(each)[::-1] for k, each in enumerate(both)]
+    lines = [
+        {
+            "stamp": t,
+            "joint_states": {
+                "name": order,
+                "position": [each[j] for j in order],
+                "effort": [3 * each[j] for j in order],
+            },
+        }
+        for t, each, order in zip(TIMES, both, orders, strict=True)
+    ]
+    path = tmp_path / "log.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (log,) = formats.read([path])
+    for name, factor in (("position", 1.0), ("torque", 3.0)):
+        np.testing.assert_allclose(log.channel(name).column("hip"), factor * np.array(TIMES))
+        np.testing.assert_allclose(log.channel(name).column("knee"), 2.0 * factor * np.array(TIMES))
+
+
 def test_an_entry_without_a_key_misses_that_sample(tmp_path: Path) -> None:
     recording = read(tmp_path / "log.json", [{"t": t, "position": t} if t else {"t": t} for t in TIMES])
     assert np.isnan(recording.channel("position").values[:, 0]).tolist() == [True, False, False, False]

@@ -210,6 +210,18 @@ def test_a_clock_in_another_unit_is_named_and_a_mapping_mends_it(bench: Bench) -
     assert recording.duration == pytest.approx(DURATION, abs=0.03)
 
 
+def test_a_log_in_degrees_that_names_no_unit_is_not_taken_and_its_unit_mends_it(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    lines = log_text(head=("time", *JOINTS, *(f"position/{j}" for j in JOINTS))).splitlines()[1:]
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])[:, [0, 4, 5, 6]]
+    rows[:, 1:] = np.degrees(rows[:, 1:])
+    for unit, taken in (("", False), (" [deg]", True)):
+        head = ",".join(["time", *(f"position/{j}{unit}" for j in JOINTS)])
+        bench.drop("trial-001.csv", "\n".join([head, *(",".join(f"{v:.6g}" for v in row) for row in rows)]))
+        assert "position in degrees; say the unit of the log in mapping.toml" in bench.look()
+        assert bool(bench.outcome()) is taken
+
+
 def test_a_file_that_is_still_being_written_is_left_until_it_rests(bench: Bench) -> None:
     bench.robot.hand_out([trial()])
     text = log_text()
@@ -336,6 +348,24 @@ def test_logs_of_runs_that_look_alike_must_be_named(bench: Bench) -> None:
     assert "could be trial-001 or trial-002: put the right one into its name" in bench.look()
     (bench.inbox / "log.csv").rename(bench.inbox / "log trial-002.csv")
     assert len(bench.robot.perform(runs[1])) == 1
+
+
+def test_a_log_in_which_no_commanded_joint_moved_is_not_taken() -> None:
+    held = Channel("position", JOINTS, "rad", TIME, np.full((len(TIME), 3), 0.3) + 3e-3 * motion())
+    (said,) = mismatches(trial(), Recording("run", {"position": held}))
+    assert "no joint moved: 'hip' stays within 0.0036 rad, where its command ranges over 1.2 rad: run it again" in said
+    one = held.replace(values=np.column_stack([held.values[:, :2], motion()[:, 2]]))
+    assert not mismatches(trial(), Recording("run", {"position": one}))
+
+
+def test_a_joint_that_turns_against_its_command_may_be_logged_with_the_other_sign() -> None:
+    alike = motion()[:, [0, 0, 2]] * [1.0, -1.0, 1.0]
+    asked = trial().command
+    assert asked is not None
+    told = replace(trial(), command=asked.replace(values=alike))
+    turned = Channel("position", JOINTS, "rad", TIME, alike * [-1.0, 1.0, 1.0])
+    (said,) = mismatches(told, Recording("run", {"position": turned}))
+    assert "in another order, or 'hip' is logged with the other sign" in said
 
 
 def test_positions_far_from_the_path_are_another_run(bench: Bench) -> None:

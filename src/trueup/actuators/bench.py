@@ -17,9 +17,10 @@ from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
 from trueup.inspection.repeats import LONGEST_GAP
 from trueup.inspection.settings import at_other_voltages, with_steady_gains
+from trueup.inspection.suspicions import at_odds
 from trueup.instant import usual_step
 from trueup.noise import estimate_noise
-from trueup.recording import Recording
+from trueup.recording import Recording, warnings_of
 from trueup.rounding import TINY
 from trueup.samples import between, in_force
 from trueup.trial import command_of
@@ -30,6 +31,8 @@ _AROUND = 0.04  # s that a line is laid through to know position and speed at an
 _OUTPUTS = ("torque", "current", "load", "effort", "pwm", "duty", "present_load", "present_current", "present_pwm")
 """Channels that may show what the servo gives; the first that is there."""
 ENABLED = "torque_enable"
+_LONGEST = 10.0
+"""m: no servo swings a longer pendulum; a length in mm or cm is beyond it."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,10 @@ class Bench:
         if np.isnan(self.mass) != np.isnan(self.length):
             given = "mass" if np.isnan(self.length) else "length"
             raise ParameterError(f"bench: {given} is given alone; a pendulum needs mass (kg) and length (m)")
+        if self.length > _LONGEST:
+            raise ParameterError(
+                f"bench: length is {self.length:g} m; is that mm or cm? Lengths are in m, masses in kg"
+            )
         if self.arm_mass > 0.0 and np.isnan(self.mass):
             raise ParameterError("bench: arm_mass is given alone; a pendulum needs mass (kg) and length (m), too")
 
@@ -153,12 +160,15 @@ class Run:
 def runs_of(recordings: Sequence[Recording], bench: Bench, joint: str = "") -> tuple[list[Run], Gains, list[str]]:
     """Recordings as runs, the settings of the servo that they name, and notes.
 
-    Raises RecordingError where there is no command or position, UnknownNameError for another joint, ParameterError where
-    recordings name impossible loads.
+    Raises RecordingError where there is no command or position, or one is told with another sign or in another unit than the
+    other, UnknownNameError for another joint, ParameterError where recordings name impossible loads.
     """
+    if odds := at_odds(recordings):
+        raise RecordingError(odds[0])
+    read = [sentence for recording in recordings for sentence in warnings_of(recording)]
     recordings, notes = with_steady_gains(recordings)
     gains, named = Gains.named_by(recordings, quantities=("kp",))
-    notes += named + at_other_voltages(recordings)
+    notes += read + named + at_other_voltages(recordings)
     runs = [_run(r, bench, gains, joint) for r in recordings]
     if any(b.bench != bench for b in runs):
         said = sorted({b.bench.in_words for b in runs})

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Sized
 
 from trueup.errors import TrialError
-from trueup.inspection.asked import lasting, swapped
+from trueup.inspection.asked import lasting, missized, swapped
 from trueup.inspection.requested import completed
 from trueup.inspection.si import in_si
 from trueup.recording import Recording
@@ -20,6 +20,7 @@ _MENDS = {
     "short": " without an end that the trial has: raise TrialAbortedError, or RobotFellError, where a run ends early",
     "long": ": hand back the run that was asked for alone",
     "order": ": labels are to be in the order of the columns",
+    "unit": ": name the unit of each channel",
 }
 """What whoever wrote the driver does about each kind of `Unlike`."""
 
@@ -76,7 +77,9 @@ def _observed(trial: Trial, recording: Recording) -> Recording:
 
 def _checked(trial: Trial, recording: Recording) -> Recording:
     asked = trial.command
-    unlike = lasting(trial, recording) or (swapped(asked, recording) if asked is not None else None)
+    unlike = lasting(trial, recording)
+    if unlike is None and asked is not None:
+        unlike = swapped(asked, recording) or missized(asked, recording)
     if unlike is not None:
         raise _unlike(trial, f"is not the run that was asked for: {unlike.words}{_MENDS[unlike.kind]}")
     return recording

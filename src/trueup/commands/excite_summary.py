@@ -10,7 +10,7 @@ import numpy as np
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from trueup.arrays import Array
 from trueup.errors import listed
@@ -39,8 +39,11 @@ def limits_table(problem: ExcitationProblem, outcome: Outcome) -> Table:
     letters = {source: chr(ord("a") + k) for k, source in enumerate(others)}
     said = "; ".join(f"{letter}: {source}" for source, letter in letters.items())
     heads = ("range", "speed", "acceler.", "rms torque", "peak torque")
-    table = Table("joint", *heads, box=SIMPLE, title="taken / allowed, in rad, s, N m (m, N of slides)", title_justify="left",
-                  caption=f"{said}; others: model file" if said else None, caption_justify="left")  # fmt: skip
+    columns = [Column(head, overflow="fold") for head in heads]  # on a narrow terminal, too, every limit is told
+    title, caption = "taken / allowed, in rad, s, N m (m, N of slides)", f"{said}; others: model file" if said else None
+    table = Table(
+        "joint", *columns, box=SIMPLE, title=title, title_justify="left", caption=caption, caption_justify="left"
+    )
     for k, joint in enumerate(limits.joints):
         spans = (used["lower"], used["upper"]), (limits.lower, limits.upper)
         cells = ["/".join(f"{low[k]:.2g}..{high[k]:.2g}" for low, high in spans) + _mark(limits, "lower", k, letters)]
@@ -66,8 +69,7 @@ def show(
 ) -> None:
     """What a user wants to know before the arm moves: how fast, how near, what it will tell."""
     t, limits = outcome.trajectory, problem.feasibility.limits
-    shares = 100.0 * np.abs(t.qd).max(axis=0) / limits.speed
-    k = int(np.argmax(shares))
+    k = int(np.argmax(shares := 100.0 * np.abs(t.qd).max(axis=0) / limits.speed))
     near = f", clear of collision by {100 * outcome.clearance:.1f} cm ({outcome.nearest})" if outcome.nearest else ""
     lines = [
         f"{t.duration:.1f} s trajectory, reaches {shares[k]:.0f} % of speed limits ({t.joints[k]}){near}, "
@@ -94,8 +96,9 @@ def show(
     if len(outcome.passes) > 1:
         said = f" at {', '.join(slower)} of the speed" if slower else ""
         lines.append(f"{len(outcome.passes)} passes over the same path{said}, so that friction and inertia part")
-    start = ", ".join(f"{j} {v:.2f}" for j, v in zip(t.joints, t.q[0], strict=True))
-    lines.append(f"bring the arm to its start first: {start} rad")
+    slides = np.asarray(problem.criterion.model.tree.prismatic).tolist()
+    start = [f"{j} {v:.2f} {'m' if s else 'rad'}" for j, v, s in zip(t.joints, t.q[0], slides, strict=True)]
+    lines.append(f"bring the arm to its start first: {', '.join(start)}")
     for line in lines:
         console.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
 

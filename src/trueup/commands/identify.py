@@ -104,10 +104,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     rated = None if args.rate is None else (lambda mapping: _with_rate(mapping, args.rate))
     training, held_out, found = given(args, told, hold_out=names, rated=rated, driven=False)
     whole = load_tree(args.model)
-    tree = whole.lock(args.lock)
     if args.gravity is not None:
-        tree = tree.replace(gravity=args.gravity)
-    tree, (training, held_out), said = matched(tree, (training, held_out), args.torque)
+        whole = whole.replace(gravity=args.gravity)
+    tree, (training, held_out), said = matched(whole, (training, held_out), args.torque, args.lock)
     drives = Drives.load(args.drives, whole.joints) if args.drives else Drives.direct(whole.joints)
     drives = drives.only(tree.joints)  # a file of all drives serves logs of some joints too
     if args.payload:

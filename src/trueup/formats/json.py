@@ -15,6 +15,9 @@ from trueup.formats.dates import parse_clock
 from trueup.formats.rules.names import words as split_words
 from trueup.formats.table import Table, numbers, shown
 
+_NAMES = frozenset(["name", "names", "joints", "labels"])
+"""Words of a key below which the names of joints stand."""
+
 
 def read(path: Path) -> Table:
     """The table in a JSON file; facts beside it go to `metadata`.
@@ -104,9 +107,34 @@ def _from_entries(entries: Sequence[Any], path: Path, key: str) -> dict[str, lis
     for i, entry in enumerate(entries):
         if not isinstance(entry, dict):
             raise FormatError(f"{where}, entry {i + 1}: {shown(entry)} is not an object with keys")
-        for name, value in _flat(entry).items():
+        for name, value in _flat(_with_named_lists(entry)).items():
             columns.setdefault(name, [None] * len(entries))[i] = value
     return columns
+
+
+def _with_named_lists(entry: Mapping[str, Any], depth: int = 0) -> dict[str, Any]:
+    """An entry in which lists of numbers beside a list of as many names are one number for each name, as ROS says what of a
+    message is which joint's; messages may name other joints, in another order.
+    """
+    named = {key: value for key, value in entry.items() if _are_names(key, value)}
+    made: dict[str, Any] = {}
+    beside: set[str] = set()
+    for key, value in entry.items():
+        by = next((n for n in named if isinstance(value, list) and n != key and len(named[n]) == len(value)), None)
+        if isinstance(value, dict) and depth < 20:
+            made[key] = _with_named_lists(value, depth + 1)
+        elif by is not None and key not in named:
+            beside.add(by)
+            made |= {f"{key}/{name}": each for name, each in zip(named[by], value, strict=True)}
+        else:
+            made[key] = value
+    return {key: value for key, value in made.items() if key not in beside}
+
+
+def _are_names(key: str, value: Any) -> bool:
+    """Whether these are names of joints beside their signals: distinct words, whose key says so."""
+    words = isinstance(value, list) and bool(value) and all(isinstance(entry, str) for entry in value)
+    return words and len(set(value)) == len(value) and bool(_NAMES & set(split_words(key)))
 
 
 def _columns(
@@ -162,6 +190,6 @@ def _names(data: Mapping[str, Any]) -> tuple[str, ...]:
     found = [
         tuple(value) for key, value in _flat(data).items()
         if isinstance(value, list) and value and all(isinstance(entry, str) for entry in value)
-        and {"name", "names", "joints", "labels"} & set(split_words(key))
+        and _NAMES & set(split_words(key))
     ]  # fmt: skip
     return found[0] if len(found) == 1 and len(set(found[0])) == len(found[0]) else ()

@@ -10,6 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.inspection.requested import side_by_side
+from trueup.inspection.suspicions import in_another_unit
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 from trueup.units import to_si
@@ -28,7 +29,7 @@ class Unlike:
     """One thing in which a recording is not what was asked for."""
 
     kind: str
-    """'instant', 'clock', 'short', 'long' or 'order': what mends it depends on where recordings come from."""
+    """'instant', 'clock', 'short', 'long', 'order' or 'unit': what mends it depends on where recordings come from."""
     words: str
 
 
@@ -73,11 +74,28 @@ def swapped(asked: Channel, recording: Recording) -> Unlike | None:
         alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
         best = int(np.argmax(alike))
         if best != k and alike[best] > 0.8 and alike[k] < 0.5:
-            return Unlike(
-                "order",
-                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order",
-            )
+            own = correlation(moved[:, best], request[:, best])
+            turned = f", or '{label}' is logged with the other sign" if alike[k] < -0.8 and own > 0.8 else ""
+            followed = f"the position of '{label}' follows what was asked of '{labels[best]}'"
+            return Unlike("order", f"{followed}: the joints are in another order{turned}")
     return None
+
+
+def missized(asked: Channel, recording: Recording) -> Unlike | None:
+    """Positions in the unit of what was asked of them that follow it so many times as large as another unit would make them:
+    a log that names no unit is taken to be in the one that was asked for.
+    """
+    position = recording.channels.get("position")
+    labels = [label for label in asked.labels if position is not None and label in position.labels]
+    if position is None or not labels:
+        return None
+    told, moved = asked.select(labels), position.select(labels)
+    if any(told.unit_of(label) != moved.unit_of(label) for label in labels):
+        return None
+    request, followed = side_by_side(told, moved)
+    time = np.arange(len(request), dtype=np.float64)
+    said = in_another_unit(told.replace(time=time, values=request), moved.replace(time=time, values=followed))
+    return Unlike("unit", said) if said else None
 
 
 def correlation(a: Array, b: Array) -> float:

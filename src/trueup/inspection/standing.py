@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a robot that was to follow a path went anywhere: of one that stood nothing can be judged or calibrated."""
+"""Whether a robot that was to move did so at all: of one that stood nothing can be judged or calibrated."""
 
 from __future__ import annotations
 
@@ -10,13 +10,36 @@ from trueup.tracking.windows import moves
 from trueup.trial import Trial
 
 _PLACE = ("x", "y")
+_STIRS = 0.02
+"""Of the range of its command: what a joint moves less than that is noise."""
 
 
 def standing(trial: Trial, recording: Recording) -> str:
-    """That the robot stayed where it was on a path that leads away from there, in words; '' where it did not.
+    """That the robot stayed where it was, on a path that leads away from there or with all joints that were commanded to
+    move, in words; '' where it did not.
 
-    A recording that shows no place, and a trial that follows no path, say nothing about that.
+    A recording that shows no place of a path, and no joint that is commanded, says nothing about that.
     """
+    return _held(trial, recording) or _off_its_path(trial, recording)
+
+
+def _held(trial: Trial, recording: Recording) -> str:
+    command, position = trial.command, recording.channels.get("position")
+    if command is None or position is None or command.unit != position.unit:
+        return ""
+    spans = {c.name: np.fmax.reduce(c.values) - np.fmin.reduce(c.values) for c in (command, position)}
+    asked, moved = (dict(zip(c.labels, spans[c.name].tolist(), strict=True)) for c in (command, position))
+    told = [label for label in command.labels if label in moved and asked[label] > 0.0]
+    if not told or not all(moved[label] < _STIRS * asked[label] for label in told):
+        return ""
+    most = max(told, key=lambda label: asked[label])
+    return (
+        f"no joint moved: '{most}' stays within {moved[most]:.2g} {position.unit}, where its command ranges over "
+        f"{asked[most]:.3g} {position.unit}"
+    )
+
+
+def _off_its_path(trial: Trial, recording: Recording) -> str:
     path = trial.references.get("path")
     if path is None or not set(_PLACE) <= set(path.labels) or not recording.has("position"):
         return ""

@@ -150,6 +150,16 @@ def at_odds(recordings: Sequence[Recording]) -> list[str]:
     return [f"{said} ({', '.join(names)})" for said, names in found.items()]
 
 
+def in_another_unit(command: Channel, position: Channel) -> str:
+    """What is wrong with positions that go along with their commands, in another unit; '' for none that do.
+
+    Only sizes: where a drive is geared the other way round, its joint turns against its command.
+    """
+    return next(
+        (said for said, kind, _ in _multiples(command, position, "command", "position", False) if kind != _TURNED), ""
+    )
+
+
 def _ratios(recording: Recording) -> Iterator[str]:
     position = recording.channels.get("position")
     if position is None:
@@ -162,7 +172,15 @@ def _ratios(recording: Recording) -> Iterator[str]:
 
 
 def _compare(channel: Channel, position: Channel, a: str, b: str, derive: bool) -> Iterator[str]:
-    """Whether one channel is a known multiple of the other, joint by joint; sentences name the joints together."""
+    """What to correct where one channel is a known multiple of the other."""
+    for said, kind, labels in _multiples(channel, position, a, b, derive):
+        yield f"{said}? Correct unit or sign in the mapping{_edit(kind, channel, position, labels)}"
+
+
+def _multiples(
+    channel: Channel, position: Channel, a: str, b: str, derive: bool
+) -> Iterator[tuple[str, str, Sequence[str]]]:
+    """Whether one channel is a known multiple of the other, joint by joint: in words, which multiple, and of which joints."""
     found: dict[str, list[str]] = {}
     for label in channel.labels:
         ratio = _ratio(channel, position, label, derive) if label in position.labels else None
@@ -171,7 +189,7 @@ def _compare(channel: Channel, position: Channel, a: str, b: str, derive: bool) 
             found.setdefault(sentence, []).append(label)
     for sentence, labels in found.items():
         of = f"{a} of {', '.join(labels)} is about {_RATIOS[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}"
-        yield f"{of}? Correct unit or sign in the mapping{_edit(sentence, channel, position, labels)}"
+        yield of, sentence, labels
 
 
 def _edit(sentence: str, channel: Channel, position: Channel, labels: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from trueup.errors import CalibrationError
 from trueup.inspection.alignment import on_other_clocks
 from trueup.inspection.repeats import BASE, grouped, lost, together
-from trueup.recording import Channel, Recording
+from trueup.recording import Channel, Recording, warnings_of
 from trueup.trial import command_of
 from trueup.units import hardly_radians
 
@@ -37,8 +37,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
 
 
 def _about(recording: Recording) -> list[str]:
-    found = [f"'{recording.name}': {w}" for w in recording.provenance.get("warnings", "").split("\n") if w]
-    found += _lost(recording)
+    found = warnings_of(recording) + _lost(recording)
     command = command_of(recording)
     for name in ("position", "command", "command_sent"):
         if recording.has(name):

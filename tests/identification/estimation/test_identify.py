@@ -261,6 +261,24 @@ def test_thousandths_of_newton_metres_are_named(tree: KinematicTree, arms: Simpl
         identify(tree, [_changed(arms.recording(tree, np.random.default_rng(9)), "torque", factor=1e3)])
 
 
+def test_a_current_without_a_unit_is_not_said_to_be_in_amperes(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    log = arms.recording(tree, np.random.default_rng(9))
+    log = log.without("torque").with_channel(log.channel("torque").replace(name="current", unit=""))
+    known = replace(Drives.direct(tree.joints), known_constants=tuple(tree.joints))
+    plain, scaled = (log_of(log, tree, drives) for drives in (Drives.direct(tree.joints), known))
+    assert (plain.units, plain.notes) == (("units of current",) * tree.n, ())
+    assert (scaled.units, len(scaled.notes)) == (("N m",) * tree.n, 1)
+    assert "nothing says in which unit current is; it was taken as A" in scaled.notes[0]
+
+
+def test_currents_in_thousandths_are_named_as_currents(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    log = _changed(arms.recording(tree, np.random.default_rng(9)), "torque", factor=1e3)
+    log = log.without("torque").with_channel(log.channel("torque").replace(name="current", unit="A"))
+    known = replace(Drives.direct(tree.joints), known_constants=tuple(tree.joints))
+    with pytest.raises(IdentificationError, match=r'logged in mA, say unit = "mA".*ratio and torque_constant'):
+        identify(tree, [log], drives=known)
+
+
 def test_a_log_without_motion_is_refused_with_what_to_do(tree: KinematicTree, arms: SimpleNamespace) -> None:
     with pytest.raises(IdentificationError, match=r"no joint moves.*trueup excite"):
         identify(tree, [arms.recording(tree, np.random.default_rng(10), size=1e-3)])

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from trueup.cli import main
+from trueup.errors import UnknownNameError
+from trueup.identification.estimation.identify import identify
 from trueup.identification.estimation.matching import matched
 
 
@@ -25,6 +27,33 @@ def test_joints_that_logs_lack_are_named_with_those_that_the_model_lacks(arms: S
     fewer = [log.channel(name).select(["elbow", "wrist"]) for name in ("position", "torque")]
     _, _, (plain,) = matched(tree, ([log.replace(channels={c.name: c for c in fewer})], []))
     assert plain == "no log has x1, x2: locked at zero"
+
+
+def test_columns_that_count_all_joints_are_theirs_where_one_is_locked_and_its_motion_is_said(
+    arms: SimpleNamespace,
+) -> None:
+    tree, made = arms.arm(), arms.recording(arms.arm(), np.random.default_rng(3), seconds=4.0)
+    tree = tree.replace(joints=("waist", "upper", "elbow", "wrist"))
+    counted = made.rename(dict(zip(made.channel("position").labels, ("A1", "A2", "A3", "A4"), strict=True)))
+    locked, ((log,), _), (by_order, moving) = matched(tree, ([counted], []), lock=["upper"])
+    assert locked.joints == ("waist", "elbow", "wrist")
+    assert "A3 -> elbow" in by_order
+    assert "upper moves from" in moving
+    np.testing.assert_array_equal(log.channel("torque").column("elbow"), made.channel("torque").values[:, 2])
+    three = [counted.channel(name).select(["A1", "A3", "A4"]) for name in ("position", "torque")]
+    renamed = counted.replace(channels={c.name: c for c in three}).rename({"A3": "A2", "A4": "A3"})
+    _, ((log,), _), (by_order,) = matched(tree, ([renamed], []), lock=["upper"])
+    assert "A2 -> elbow" in by_order
+
+
+def test_a_torque_that_a_log_lacks_is_named_by_its_joint_where_columns_only_count(arms: SimpleNamespace) -> None:
+    tree, made = arms.arm(), arms.recording(arms.arm(), np.random.default_rng(3), seconds=4.0)
+    tree = tree.replace(joints=("waist", "upper", "elbow", "wrist"))
+    place, torque = made.channel("position"), made.channel("torque").select(["joint1", "joint2", "joint4"])
+    place = place.replace(labels=("A1", "A2", "A3", "A4"))
+    log = made.replace(channels={"position": place, "torque": torque.replace(labels=("joint_1", "joint_2", "joint_4"))})
+    with pytest.raises(UnknownNameError, match=r"column 'elbow' is not in channel 'torque'.*are: upper, waist, wrist"):
+        identify(tree, [log])
 
 
 ARM = """<robot name="arm"><link name="l0"/><link name="l1"/><link name="l2"/>

@@ -56,6 +56,24 @@ def test_friction_that_grows_with_the_payload_does_not_pass_for_a_torque_constan
     assert np.allclose(drives.constants[:3], hidden[:3], rtol=0.008)
 
 
+def test_friction_that_falls_with_speed_does_not_pass_for_a_torque_constant(arms: SimpleNamespace) -> None:
+    tree, hidden, load = arms.arm(), np.array([11.0, 9.0, 6.0, 2.5]), payload_inertial(4.0, (0.05, 0.0, 0.1))
+    heavy = tree.replace(inertial=np.asarray(tree.inertial) + np.outer([0, 0, 0, 1], np.nan_to_num(load)))
+    time, off = np.arange(0.0, 30.0, 0.005), []
+    for seed in range(3):
+        rng, runs = np.random.default_rng(seed), []
+        for real in (tree, heavy):
+            q, v, a = arms.sines(rng, time, tree.n)
+            stribeck = 0.6 * arms.coulomb * np.exp(-((v / 0.1) ** 2)) * np.tanh(v / 0.02)
+            amperes = (arms.torque(real, q, v, a) + stribeck + 0.1 * rng.normal(size=q.shape)) / hidden
+            channels = {"position": Channel("position", tree.joints, "rad", time, q),
+                        "current": Channel("current", tree.joints, "A", time, amperes)}  # fmt: skip
+            runs.append(Recording("run", channels))
+        drives, _ = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), load)
+        off.append(drives.constants / hidden - 1.0)
+    assert np.sqrt(np.mean(np.square(off), axis=0)).max() < 0.01
+
+
 def test_what_is_not_known_of_a_torque_constant_is_not_known_of_what_its_torque_tells() -> None:
     rng, own = np.random.default_rng(6), np.array([2.0, 5.0])
     speed = rng.normal(size=(2, 1, 400))

@@ -29,6 +29,14 @@ AS_GOOD = 1.1
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
 
+_SMALLER = {
+    "torque": 'If it is in thousandths, say unit = "mN m" in the mapping; if it is a current, rename the channel and give '
+    "torque constants in a drives file",
+    "current": 'If it was logged in mA, say unit = "mA" in the mapping; else look at ratio and torque_constant in the drives '
+    "file",
+}
+"""What mends numbers that are too large, by the channel that torque comes from."""
+
 _RECORDING = re.compile(r"recording '([^']*)'")
 
 Errors = tuple[Array, ...]
@@ -169,8 +177,7 @@ def _check_torque(log: Log, tree: KinematicTree) -> None:
             raise IdentificationError(
                 f"recording '{log.name}': {log.channel} of {tree.joints[worst]} reaches {reached[worst]:.4g} N m, "
                 f"{reached[worst] / effort[worst]:.3g} times its limit of {effort[worst]:g} N m in the model. "
-                'If it is in thousandths, say unit = "mN m" in the mapping; if it is a current, rename the channel and '
-                "give torque constants in a drives file"
+                f"{_SMALLER.get(log.channel, _SMALLER['torque'])}"
             )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
+from trueup.identification.estimation.beside_file import beside_file
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.couplings import confirmed, coupled, coupling_notes
@@ -116,6 +117,7 @@ def identify(
     coupling = coupled(motions, tree, gears, cutoff, wanted.hold_out)
     say("comparing clocks")
     warnings += doubts(logs, tree, coupling, prepared(coupling).pool, prepared(coupling).aligned)
+    warnings += beside_file(logs, tree)
     say("choosing the structure of friction")
     coupling = confirmed(coupling, gears, cache(lambda drives: _left_out(model(drives))))
     warnings += coupling_notes(coupling, gears)

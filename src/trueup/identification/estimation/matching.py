@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from trueup.errors import UnknownNameError, unknown_name
+from trueup.identification.estimation.motion import STILL
 from trueup.identification.estimation.torque_choice import with_one_torque
 from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
@@ -20,24 +22,33 @@ _CHANNELS = ("position", "velocity", "torque", "current", "load")
 Groups = tuple[list[Recording], list[Recording]]
 
 
-def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[KinematicTree, Groups, tuple[str, ...]]:
-    """Recordings with the joints' names of the model, the tree with joints locked that no log has, and what was done.
+def matched(
+    whole: KinematicTree, groups: Groups, torque: str = "", lock: Sequence[str] = ()
+) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
+    """Recordings with the joints' names of the model, the tree with joints locked that no log has, or that are named in
+    `lock`, and what was done.
 
-    Joints are found as `inspection.joint_names.sure_names` does, columns without names as `unnamed` does, the torque that is
-    fitted as `torque_choice` does, or the one that `torque` names. Raises UnknownNameError where no joint is found,
+    Columns that only count are those of all joints, also of those to be locked, or else of the others. Joints are found as
+    `inspection.joint_names.sure_names` does, columns without names as `unnamed` does, the torque that is fitted as
+    `torque_choice` does, or the one that `torque` names. Raises UnknownNameError where no joint is found,
     IdentificationError where columns without names fit no joint, or it is open which torque was measured.
     """
+    tree = whole.lock(lock)
     named = [[named_by_motion(tree, r, torque) for r in group] for group in groups]
     bare = {r.name for group in named for r, note in group if note}  # their torque is chosen already
     groups = ([r for r, _ in named[0]], [r for r, _ in named[1]])
     labels = list(
         dict.fromkeys(x for group in groups for r in group if r.has("position") for x in r.channel("position").labels)
     )
-    names, notes = _names(tree, labels), list(dict.fromkeys(note for group in named for _, note in group if note))
+    names, notes = (
+        _names_of_either(whole, tree, labels),
+        list(dict.fromkeys(note for group in named for _, note in group if note)),
+    )
     changed = {old: new for old, new in names.items() if old != new}
     if changed and any(plain_name(new) not in plain_name(old) for old, new in changed.items()):
         said = ", ".join(f"{old} -> {new}" for old, new in changed.items())
         notes.append(f"columns were taken as joints in the model's order, which nothing here can prove: {said}")
+    notes += _elsewhere(groups, {old: new for old, new in names.items() if new in lock})
     missing = [joint for joint in tree.joints if joint not in names.values()]
     if missing and names:
         notes.append(f"no log has {', '.join(missing)}: locked at zero{_strange(names, labels, missing)}")
@@ -49,6 +60,31 @@ def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[Kine
     training, held_out = ([r for r, _ in group] for group in one)
     notes += dict.fromkeys(note for group in one for _, note in group if note)
     return tree, (training, held_out), tuple(notes)
+
+
+def _elsewhere(groups: Groups, locked: Mapping[str, str]) -> list[str]:
+    """What to mind where a log shows joints that are locked to move, or to stay elsewhere: they are welded at zero."""
+    found = []
+    for old, joint in locked.items():
+        every = [c.column(old) for group in groups for r in group for c in r.channels.values()
+                 if c.name == "position" and old in c.labels]  # fmt: skip
+        low, high = (float(f.reduce(np.concatenate(every))) for f in (np.fmin, np.fmax))
+        if max(abs(low), abs(high)) > STILL:
+            moved = f"moves from {low:.3g} to {high:.3g}" if high - low > STILL else f"stays at {low:.3g}"
+            found.append(
+                f"{joint} {moved} in the logs, while it is locked at zero: what it changes is not in the model"
+            )
+    return found
+
+
+def _names_of_either(whole: KinematicTree, tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
+    """As `_names` of the whole tree, or of what is left of it where that has no such joints."""
+    try:
+        return _names(whole, labels)
+    except UnknownNameError:
+        if whole.n == tree.n:
+            raise
+        return _names(tree, labels)
 
 
 def _names(tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
@@ -91,7 +127,13 @@ def _renamed(recording: Recording, tree: KinematicTree, names: dict[str, str]) -
         if not set(own.values()) & set(tree.joints):
             try:
                 own = _names(tree, channel.labels)
-            except UnknownNameError:
-                own = {}
+            except UnknownNameError:  # one is missing: those that count are of the joints whose positions count alike
+                numbers = {_number(old): new for old, new in names.items()}
+                own = {x: numbers.get(_number(x), x) for x in channel.labels if _number(x)}
         used |= {old: new for old, new in own.items() if old != new}
     return recording.rename(used) if used else recording
+
+
+def _number(label: str) -> str:
+    found = re.search(r"\d+$", label)
+    return found[0].lstrip("0") or "0" if found else ""

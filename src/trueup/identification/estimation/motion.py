@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,11 +20,12 @@ from trueup.identification.estimation.filtering import (
     grid,
     highest_cutoff,
 )  # fmt: skip
+from trueup.identification.estimation.missing import Gaps, bridged, gaps
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.inspection.spikes import without_spikes
 from trueup.inspection.turns import unwrapped
-from trueup.recording import Channel, Recording
+from trueup.recording import Channel, Recording, warnings_of
 
 TORQUES = ("torque", "current", "load")
 """Channels that may hold torque, the first one present counts."""
@@ -32,7 +33,6 @@ _AHEAD = 4.0
 """Positions are filtered at this many times the cut-off first: it keeps accelerations finite and changes nothing below."""
 _SAMPLED = 2.5
 """Columns are computed at this many times that, so that what nonlinear ones add above the cut-off can be filtered away."""
-_GAP, _GAP_STEPS = 0.02, 5.0
 _RESTING = 0.01
 """Of the top speed: slower samples at either end of a log are standstill."""
 _COMPARED = 5.0
@@ -57,8 +57,8 @@ class Motion:
     v: Array
     a: Array
     torque: Array
-    gaps: tuple[tuple[float, float], ...] = ()
-    """First and last instant in s of stretches that the log does not hold."""
+    gaps: Gaps = ()
+    """Stretches that the log does not hold."""
 
     def span(self) -> tuple[float, float]:
         """First and last instant in s of the motion, without standstill at either end, where friction may hold any load; of
@@ -85,8 +85,8 @@ class Log:
     """The channel that the torque came from: 'torque' or 'current'."""
     units: tuple[str, ...]
     """Of the torque of each joint: N m, N for a slide, or the unit that was logged where its constant is not known."""
-    gaps: tuple[tuple[float, float], ...] = ()
-    """First and last instant in s of stretches without samples."""
+    gaps: Gaps = ()
+    """Stretches without samples, or without values of a joint."""
     notes: tuple[str, ...] = ()
     """What was done to the log, in words."""
 
@@ -130,32 +130,41 @@ def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
     velocity = recording.channels.get("velocity")
     usable = velocity is not None and all(j in velocity.labels for j in tree.joints)
     turning, said = _unwound(position, tree, recording.name)
-    notes = [*said, *_unitless(source, tree, drives)]
-    speeds = _sound(velocity, tree, time, recording, notes) if usable and velocity is not None else None
-    places, torques = (_sound(c, tree, time, recording, notes) for c in (turning, source))
+    notes = [*warnings_of(recording), *said, *_unitless(source, tree, drives)]
+    measured = [turning, source, *([velocity] if usable and velocity is not None else [])]
+    lost, (places, torques, *speeds) = _sound(measured, tree, time, recording.name, notes)
     return Log(
         recording.name, time, rate, drives.joint_positions(places),
-        None if speeds is None else drives.joint_speeds(speeds), drives.joint_torques(torques), source.name,
-        _units(source, tree, drives), _gaps(position.time, source.time), tuple(notes),
+        drives.joint_speeds(speeds[0]) if speeds else None, drives.joint_torques(torques), source.name,
+        _units(source, tree, drives), tuple(sorted({*gaps(position.time, source.time), *lost})), tuple(notes),
     )  # fmt: skip
 
 
-def _sound(channel: Channel, tree: KinematicTree, time: Array, recording: Recording, notes: list[str]) -> Array:
-    """(T, n) of the tree's joints at even instants without spikes, of which `notes` gets a word."""
-    chosen = channel.select(tree.joints)
-    values, counts = without_spikes(np.array(chosen.values))
-    if counts.any():
-        said = ", ".join(f"{joint} {count:.0f}" for joint, count in zip(tree.joints, counts, strict=True) if count)
-        notes.append(
-            f"recording '{recording.name}': single samples of {channel.name} stand far off their neighbours ({said}); they "
-            "were bridged, in what the model is judged by too"
-        )
-    return _values(chosen.replace(values=values), tree, time, recording)
+def _sound(
+    channels: Sequence[Channel], tree: KinematicTree, time: Array, name: str, notes: list[str]
+) -> tuple[Gaps, list[Array]]:
+    """Stretches that channels lack, and (T, n) of the tree's joints of each at even instants without spikes; `notes` gets a
+    word on what was done.
+    """
+    lost, found = list[tuple[float, float]](), list[Array]()
+    for channel in channels:
+        chosen = channel.select(tree.joints)
+        values, counts = without_spikes(np.array(chosen.values))
+        if counts.any():
+            said = ", ".join(f"{joint} {count:.0f}" for joint, count in zip(tree.joints, counts, strict=True) if count)
+            notes.append(
+                f"recording '{name}': single samples of {channel.name} stand far off their neighbours ({said}); they were "
+                "bridged, in what the model is judged by too"
+            )
+        whole, own, more = bridged(chosen.replace(values=values), name)
+        lost += own
+        notes += more
+        found.append(even(channel.time, whole.values, time))
+    return tuple(lost), found
 
 
 def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, ...]:
-    logged = {"torque": "N m", "current": source.unit or "A"}.get(source.name, source.unit or "units of load")
-    known = source.name == "torque"
+    logged, known = source.unit or f"units of {source.name}", source.name == "torque"
     return tuple(
         ("N" if slides else "N m") if known or joint in drives.known_constants else logged
         for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True)
@@ -163,7 +172,12 @@ def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, .
 
 
 def _unitless(source: Channel, tree: KinematicTree, drives: Drives) -> list[str]:
-    """What to mind where nothing says in which unit the torque is."""
+    """What to mind where nothing says in which unit the torque is, or the current that constants make a torque."""
+    if source.name == "current" and not source.unit and set(drives.known_constants) & set(tree.joints):
+        return [
+            "nothing says in which unit current is; it was taken as A, which torque constants are for. If it is not (mA, "
+            "counts of a servo), say unit in the mapping, with scale where it is counts"
+        ]
     if source.name != "torque" or source.unit or all(joint in drives.known_constants for joint in tree.joints):
         return []
     return [
@@ -188,16 +202,6 @@ def _unwound(position: Channel, tree: KinematicTree, name: str) -> tuple[Channel
     return position.replace(values=values), (said,)
 
 
-def _gaps(*clocks: Array) -> tuple[tuple[float, float], ...]:
-    """Stretches of more than 20 ms and five usual steps without a sample."""
-    found = []
-    for time in clocks:
-        steps = np.diff(time)
-        long = np.flatnonzero(steps > max(_GAP_STEPS * float(np.median(steps)), _GAP))
-        found += [(float(time[i]), float(time[i + 1])) for i in long]
-    return tuple(sorted(set(found)))
-
-
 def _channel(recording: Recording, names: tuple[str, ...]) -> Channel:
     for name in names:
         if name in recording.channels:
@@ -219,22 +223,6 @@ def _name_missing(recording: Recording, tree: KinematicTree, *channels: Channel)
                     f"the mapping's [joints], lock joints that do not move with --lock, or see `trueup inspect "
                     f"RECORDINGS --model MODEL`, which proposes)",
                 )  # fmt: skip
-
-
-def _values(channel: Channel, tree: KinematicTree, time: Array, recording: Recording) -> Array:
-    """(T, n) of the tree's joints at even instants, single missing samples bridged."""
-    chosen = channel.select(tree.joints)
-    values = np.array(chosen.values)
-    for k, joint in enumerate(tree.joints):
-        gone = np.isnan(values[:, k])
-        if gone.mean() > 0.05:
-            raise IdentificationError(
-                f"recording '{recording.name}', channel '{channel.name}': {gone.sum()} of {len(gone)} samples of "
-                f"'{joint}' are missing; cut the log where they are"
-            )
-        if gone.any():
-            values[gone, k] = np.interp(channel.time[gone], channel.time[~gone], values[~gone, k])
-    return even(channel.time, values, time)
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,8 @@ from trueup.recording import Recording
 from trueup.rounding import TINY
 
 _POOR = 0.2
+_SPEED = ("quadratic", "root", "asymmetric")
+"""Groups of friction that changes with speed otherwise than it sets in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,11 +202,13 @@ def _with_load(
 ) -> tuple[list[Rows], Integers]:
     """Rows of all runs with friction that grows with the load, by bodies of a fit without it, and the columns to fit.
 
-    It is larger where the payload is carried: without a column of its own it would pass for current.
+    It is larger where the payload is carried: without a column of its own it would pass for current. So would what friction
+    does with speed and the basic model lacks (Stribeck): here all its forms count, as only the constants are kept.
     """
     basic = basic_columns(pool)
     rough = drive_gains([p.rows for p in free], [p.rows for p in loaded], payload, basic)
     links = pool.carried_links(rough.parameters)
     laden = np.vstack([links[:-1], links[-1] + rough.payload])
     pieces = (*with_load_columns(pool, free, links), *with_load_columns(pool, loaded, laden))
-    return [p.rows for p in pieces], np.concatenate([basic, pool.columns("load")])
+    friction = pool.columns("load", *pool.forms(), *_SPEED)
+    return [p.rows for p in pieces], np.union1d(basic, friction)

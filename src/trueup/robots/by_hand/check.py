@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.inspection.asked import Unlike, lasting, swapped
+from trueup.inspection.asked import Unlike, lasting, missized, swapped
 from trueup.inspection.requested import completed, side_by_side
 from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
@@ -64,6 +64,7 @@ def _mended(unlike: Unlike | None, trial: Trial) -> list[str]:
         "short": f": still being written, or broken off? If the run was stopped, put {trial.name}-aborted.txt beside it",
         "long": ": does it hold two runs? cut out the right one",
         "order": "; give the columns their right labels in mapping.toml",
+        "unit": "; say the unit of the log in mapping.toml, or in the names of its columns",
     }
     return [unlike.words + mends[unlike.kind]]
 
@@ -95,8 +96,13 @@ def _commands(trial: Trial, recording: Recording) -> list[str]:
                 return [
                     f"channel '{name}' lacks {', '.join(lost)}, which were commanded; it has {', '.join(done.labels)}"
                 ]
-            return _as_asked(asked, done) or _mended(swapped(asked, recording), trial)
-    return _mended(swapped(asked, recording), trial)
+            return _as_asked(asked, done) or _followed(asked, recording, trial)
+    return _followed(asked, recording, trial)
+
+
+def _followed(asked: Channel, recording: Recording, trial: Trial) -> list[str]:
+    """What tells that the joints did not follow what was asked of them, or are told in another unit."""
+    return _mended(swapped(asked, recording) or missized(asked, recording), trial)
 
 
 def _as_asked(asked: Channel, done: Channel) -> list[str]:
