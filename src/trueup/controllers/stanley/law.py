@@ -94,8 +94,8 @@ def gain_space(
                 "range of parameter" if name in widths else "nominal parameter", name, names, "what is tuned"
             )
     low, high = (f"{edge:.4g}" for edge in edges)
-    ranges = {"k1": f"below {low}", "k2": f"from {low} to {high}", "k3": f"above {high}"}
-    means = {k: f"cross-track gain {speeds} m/s" for k, speeds in ranges.items()}
+    speeds = {"k1": f"below {low}", "k2": f"from {low} to {high}", "k3": f"above {high}"}
+    means = {k: f"cross-track gain {at} m/s" for k, at in speeds.items()}
     return ParameterSpace(tuple(
         p.replace(
             nominal=float(nominal.get(p.name, p.nominal)), source=means.get(p.name, p.source),
