@@ -116,7 +116,8 @@ class Vehicles(Family):
             found = min(every, key=lambda c: _astray(simulator, c.values, drives))
         else:
             found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
-        found = _begun_with_noise(simulator, found, drives, others, fit)
+        noisy = _begun_with_noise(simulator, found, drives, others, fit)
+        found = min(noisy, found, key=lambda c: _astray(simulator, c.values, drives))
         horizons = horizons_for(simulator, [*drives, *others], HORIZONS)
         shown = (
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
