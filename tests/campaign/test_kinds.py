@@ -37,8 +37,10 @@ def model(tmp_path: Path) -> Path:
 
 def log(labels: tuple[str, ...], posed: bool) -> Recording:
     swing = np.stack([0.3 * np.sin(3 * TIME), 0.4 * np.sin(2 * TIME) - 0.5], axis=1)
+    hip, knee = swing.T
+    place = np.stack([0.0 * TIME, 0.0 * TIME, 0.07 + 0.2 * np.cos(hip) + 0.2 * np.cos(hip + knee)], axis=1)
     base = {
-        "base_position": Channel("base_position", ("x", "y", "z"), "m", TIME, np.tile([0.0, 0.0, 0.45], (len(TIME), 1))),
+        "base_position": Channel("base_position", ("x", "y", "z"), "m", TIME, place),
         "base_orientation": Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", TIME, np.zeros((len(TIME), 3))),
     }  # fmt: skip
     return Recording("run", {

@@ -166,7 +166,10 @@ def tyres(p: Array) -> tuple[float, float, float, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def within(z: float) -> float:
-    """At which share of a step its slope has to be taken for exp(-z) of a decaying value to be left: from a half to one."""
+    """At which share of a step its slope has to be taken for exp(-z) of a decaying value to be left: from the middle where
+    tyres are soft to the end where they are stiff (exponential fitting: W. Liniger, R. A. Willoughby, SIAM J. Numer. Anal.
+    7(1), 1970).
+    """
     return 0.5 + z / 12.0 if z < 1e-2 else 1.0 / -math.expm1(-z) - 1.0 / z
 
 
@@ -190,9 +193,7 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     cr = secant(rear_grip, p[FRICTION_LIMIT] * (1.0 - share), b - w * math.atan((u - rear * r) / speed))
     f += w * (angle - straight + bend * aside)
     # With the tyres' secants held: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with slips
-    # a_f = f - w bend (u + front r) / speed, a_r = b - w (u - rear r) / speed. Implicit in u and r at a share of the step
-    # at which decay is exact (exponential fitting: W. Liniger, R. A. Willoughby, SIAM J. Numer. Anal. 7(1), 1970), from
-    # the middle where tyres are soft to the end where they are stiff.
+    # a_f = f - w bend (u + front r) / speed, a_r = b - w (u - rear r) / speed. Implicit in u and r (see `within`).
     wf, wr = w * bend * cf / speed, w * cr / speed
     part = within(dt * max(wf + wr, (front * front * wf + rear * rear * wr) / inertia))
     h = part * dt
