@@ -15,6 +15,8 @@ from trueup.parameters import ParameterSpace
 
 UNSEEN = 0.1
 """Standard deviation, as a share of its range, of a parameter that the recordings could not tell."""
+_BOX = 1.0 / 12.0
+"""Variance of what is anywhere in its range alike: what is believed of parameters before any recording."""
 _BLIND = ("not identified", "no effect")
 
 
@@ -53,6 +55,8 @@ class Belief:
     ) -> Belief:
         """The same from its parts: `fitted` (n,), `covariance` of the fitted ones in their units, `verdicts` (n,).
 
+        Of the fitted ones it is the posterior of a normal likelihood and a normal prior as wide as their ranges: where one
+        short recording leaves a combination open, samples cut at the bounds would be none that replay it.
         Raises ParameterError where they are not of these parameters.
         """
         if len(values) != len(space) or len(covariance) != int(np.sum(fitted)):
@@ -61,7 +65,8 @@ class Belief:
         unsure = np.flatnonzero(fitted | blind)
         whole = np.zeros((len(space), len(space)))
         slope = _slopes(space, values)[fitted]
-        whole[np.ix_(fitted, fitted)] = np.asarray(covariance).reshape(len(slope), -1) / np.outer(slope, slope)
+        told = np.asarray(covariance).reshape(len(slope), -1) / np.outer(slope, slope)
+        whole[np.ix_(fitted, fitted)] = told - told @ np.linalg.solve(told + _BOX * np.eye(len(told)), told)
         whole[blind, blind] = UNSEEN**2
         return cls(space, np.asarray(values, dtype=np.float64), unsure, whole[np.ix_(unsure, unsure)])
 
@@ -69,7 +74,7 @@ class Belief:
     def prior(cls, space: ParameterSpace) -> Belief:
         """Before any recording: the nominal values, and each free parameter as unsure as anywhere in its range."""
         unsure = np.flatnonzero(space.free)
-        return cls(space, space.nominal, unsure, np.eye(len(unsure)) / 12.0)
+        return cls(space, space.nominal, unsure, _BOX * np.eye(len(unsure)))
 
     @classmethod
     def certain(cls, space: ParameterSpace, values: Array) -> Belief:
