@@ -219,7 +219,8 @@ def test_a_search_ends_with_what_then_predicts_best_wherever_it_began() -> None:
     drives = [driven(4, 20.0, noise=4e-3)]
     begun: list[Mapping[str, float]] = [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
     simulator = VehicleSimulator(TRUTH, TRUTH.space().freeze(LASTING, begun[0]))
-    found = with_shares(simulator, drives, [], searched, begun, again=False)  # type: ignore[arg-type]
+    first = Fitted(simulator.parameters.nominal)
+    found = with_shares(simulator, [first], drives, [], searched, begun)  # type: ignore[arg-type]
     assert {n: found.values[simulator.parameters.index(n)] for n in LASTING} == begun[1]
 
 

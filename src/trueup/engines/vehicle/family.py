@@ -109,11 +109,9 @@ class Vehicles(Family):
             slow = Look.at(drives).slow_wheel(simulator.vehicle)
             spaces += [_begun_at(spaces[0], slow)] if slow else []
             search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
-            every = [
-                with_shares(simulator.searching(s), drives, others, search, begun, again=k > 0)
-                for k, s in enumerate(spaces)
-            ]
-            found = min(every, key=lambda c: _astray(simulator, c.values, drives))
+            starts = [simulator.searching(s) for s in spaces]
+            every = [search(s, drives, others, again=k > 0) for k, s in enumerate(starts)]
+            found = with_shares(simulator, every, drives, others, search, begun)
         else:
             found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
         noisy = _begun_with_noise(simulator, found, drives, others, fit)
@@ -238,22 +236,23 @@ def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> Paramet
 
 
 def with_shares(
-    simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], search: Fit,
-    begun: Sequence[Mapping[str, float]], *, again: bool,
+    simulator: VehicleSimulator, every: Sequence[Calibration], drives: Sequence[Recording], others: Sequence[Recording],
+    search: Fit, begun: Sequence[Mapping[str, float]],
 ) -> Calibration:  # fmt: skip
-    """A car with its `LASTING` held, and again with those held that then predict best: of what they are, what they are
-    where any search has `begun`, and where a search of them alone ends.
+    """Of a car's calibrations with its `LASTING` held the one that predicts its drives best, or a further one with those held
+    that predict best of all: what they are where any search has `begun`, or where a search of them alone ends.
     """
-    found, space = search(simulator, drives, others, again=again), simulator.parameters
-    alone = search(simulator.searching(_only(LASTING, space, found.values)), drives, others, again=True).values
-    kept, values = np.isin(space.names, LASTING), found.values
-    tried = [values, alone, *(np.where(kept, [b.get(n, 0.0) for n in space.names], values) for b in begun)]
+    space, tried = simulator.parameters, []
+    kept = np.isin(space.names, LASTING)
+    for values in (c.values for c in every):
+        alone = search(simulator.searching(_only(LASTING, space, values)), drives, others, again=True).values
+        tried += [values, alone, *(np.where(kept, [b.get(n, 0.0) for n in space.names], values) for b in begun)]
     best = min(tried, key=lambda v: _astray(simulator, v, drives))
-    if np.array_equal(best, values):
-        return found
-    frozen = space.freeze(LASTING, dict(zip(space.names, best, strict=True)))
-    more = search(simulator.searching(frozen), drives, others, again=True)
-    return min(found, more, key=lambda c: _astray(simulator, c.values, drives))
+    more = []
+    if not any(np.array_equal(best, c.values) for c in every):
+        told = dict(zip(space.names, best.tolist(), strict=True))
+        more = [search(simulator.searching(space.freeze(LASTING, told)), drives, others, again=True)]
+    return min((*every, *more), key=lambda c: _astray(simulator, c.values, drives))
 
 
 def _begun_with_noise(
