@@ -24,6 +24,8 @@ WAYS: Mapping[str, Way] = {
     "noisy, daring": Searching(Ungrounded(), fall=DARING),
     "noisy + expert": Searching(Ungrounded(), Expert()),
     "noisy + automatic": Searching(Ungrounded(), Automatic()),
+    "noisy, daring + expert": Searching(Ungrounded(), Expert(), fall=DARING),
+    "noisy, daring + automatic": Searching(Ungrounded(), Automatic(), fall=DARING),
     "noisy + corrected": Searching(Ungrounded(corrected=True)),
     "fitted": Searching(Fitted()),
     "grounded + linear 0.3": Searching(Grounded()),
