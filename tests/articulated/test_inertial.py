@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from trueup.articulated.inertial import together, with_inertial_units
 from trueup.articulated.pose import quaternion_of, turning
 from trueup.recording import Channel, Recording
+from trueup.units import to_si
 
 _TIME = np.arange(0.0, 6.0, 0.01)
 _DEGREES = 180.0 / np.pi
@@ -39,6 +42,10 @@ def test_gravity_and_the_orientation_tell_the_units(acc: float, gyro: float, ang
         assert found.channel(name).unit == unit
         assert found.channel(name).values == pytest.approx(plain.channel(name).values, rel=1e-3, abs=1e-3)
     assert [note.split(":")[0] for note in notes] == ["acc", "gyro"]
+    for note, name in zip(notes, ("acc", "gyro"), strict=True):  # what is advised is what a mapping takes
+        unit, scale = re.findall('unit = "([^"]+)"(?:, scale = ([0-9.e-]+))?', note)[0]
+        advised = float(scale or 1.0) * to_si(unit)[1] * _sways(acc, gyro, angles=angles).channel(name).values
+        assert advised == pytest.approx(plain.channel(name).values, rel=1e-3, abs=1e-3)
 
 
 def test_raw_counts_are_said_with_the_scale_that_gravity_gives_them() -> None:

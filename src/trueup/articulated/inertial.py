@@ -154,7 +154,9 @@ def _rate(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
 
 
 def _say(unit: str) -> str:
-    return f'say unit = "{unit}" of it in the mapping, and it is compared, too'
+    """What to write into a mapping, which knows thousandths of g by a scale alone."""
+    said = f'unit = "m/s^2", scale = {GRAVITY / _ACCELERATIONS[unit]:.5g}' if unit == "mg" else f'unit = "{unit}"'
+    return f"say {said} of it in the mapping, and it is compared, too"
 
 
 def _scaled(recording: Recording, name: str, unit: str, factor: float) -> Recording:
