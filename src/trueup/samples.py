@@ -26,18 +26,20 @@ def in_force(values: Array) -> Array:
     return np.take_along_axis(values, last, axis=0)
 
 
+def held_integral(times: Array, values: Array) -> Array:
+    """(n, k) integral of a held signal (n, k) up to each of its instants."""
+    steps = np.diff(times)[:, None] * values[:-1]
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+
+
 def in_force_over(time: Array, values: Array, begin: Array, step: float) -> Array:
     """(n, k) the mean, over `step` s from each instant of `begin` (n,) on, of commands (T, k) that are held from one to the
     next; the first one before that, too.
     """
     held = in_force(values)
-    edges = np.append(time, max(time[-1], begin[-1]) + step)
-    total = np.cumsum(np.concatenate([np.zeros((1, held.shape[1])), held * np.diff(edges)[:, None]]), axis=0)
-    early = np.minimum(begin[:, None] + [0.0, step] - time[0], 0.0)  # (n, 2): before the first
-    first, last = (
-        between(begin + later, edges, total) + early[:, [k]] * held[0] for k, later in enumerate((0.0, step))
-    )
-    return (last - first) / step
+    edges = np.concatenate([[min(time[0], begin[0])], time, [max(time[-1], begin[-1]) + step]])
+    total = held_integral(edges, np.concatenate([held[:1], held, held[-1:]]))
+    return (between(begin + step, edges, total) - between(begin, edges, total)) / step
 
 
 def between(at: Array, time: Array, values: Array) -> Array:

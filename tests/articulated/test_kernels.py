@@ -7,7 +7,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trueup.articulated.kernels import ONSET, delayed_commands, firmware_command, held_integral, own_delayed_commands
+from trueup.articulated.kernels import ONSET, delayed_commands, firmware_command, own_delayed_commands
+from trueup.samples import held_integral
 
 
 def held(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:

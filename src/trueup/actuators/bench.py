@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from trueup import files
 from trueup.arrays import Array, Mask
 from trueup.articulated.gains import Gains
-from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
 from trueup.inspection.repeats import LONGEST_GAP
 from trueup.inspection.settings import at_other_voltages, with_steady_gains
@@ -22,7 +21,7 @@ from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording, warnings_of
 from trueup.rounding import TINY
-from trueup.samples import between, in_force
+from trueup.samples import between, held_integral, in_force
 from trueup.trial import command_of
 from trueup.typed_toml import build
 from trueup.units import GRAVITY

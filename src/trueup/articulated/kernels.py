@@ -33,12 +33,6 @@ def delayed_commands(
                 before = area
 
 
-def held_integral(times: Array, values: Array) -> Array:
-    """(n, k) integral of a held signal up to each of its instants, for `delayed_commands`."""
-    steps = np.diff(times)[:, None] * values[:-1]
-    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
-
-
 @njit(cache=True, nogil=True)
 def own_delayed_commands(
     times: Array, values: Array, count: int, delay: Array, first: int, step: float, out: Array

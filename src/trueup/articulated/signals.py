@@ -10,11 +10,11 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes
 from trueup.articulated.changes import NO_ACCELERATION_LIMIT, NO_SPEED_LIMIT
-from trueup.articulated.kernels import delayed_commands, held_integral, limited_commands
+from trueup.articulated.kernels import delayed_commands, limited_commands
 from trueup.articulated.model import Model, servos
 from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
-from trueup.samples import in_force
+from trueup.samples import held_integral, in_force
 from trueup.trial import Trial
 
 _Held = tuple[Integers, Array, Array, Array]

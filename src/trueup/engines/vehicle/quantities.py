@@ -100,6 +100,7 @@ _ON_TYRES = (
     _usual("steering_delay", "s", 0.03, -0.1, 0.5, "linear",
            "pure delay of the steering command; below zero where its clock runs late", _QUICK),
     _usual("steering_lag", "s", 0.05, 0.0, 0.5, "linear", "first-order lag of the steering servo", _QUICK),
+    # Begun at what a usual servo makes, 0.1 s for half of its range: from a limit that is never met no slope leads away.
     replace(_usual("steering_rate_limit", "1/s", 50.0, 0.05, 50.0, "log",
                    "greatest speed of the steering, in units of the command", _QUICK), start=10.0),
     _usual("steering_slack", "", 0.02, 0.0, 0.4, "linear", "play of the steering, end to end, in units of the command",
