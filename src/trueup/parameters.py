@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +94,10 @@ class ParameterSpace:
 
     def __len__(self) -> int:
         return len(self.parameters)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        """The parameters, in order."""
+        return iter(self.parameters)
 
     @property
     def names(self) -> tuple[str, ...]:
