@@ -395,6 +395,16 @@ def test_what_slides_is_in_metres_where_inspect_knows_the_model(call: Call) -> N
     assert "2 x rad" in call("inspect", "slow.csv")[1]
 
 
+def test_a_quaternion_is_not_asked_for_its_unit(call: Call) -> None:
+    head, *rows = Path("slow.csv").read_text().splitlines()
+    bodies = [f"{row},0,0,0.3,1,0,0,0" for row in rows]
+    named = ",".join(f"base_{n}" for n in ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"))
+    Path("slow.csv").write_text("\n".join([f"{head},{named}", *bodies]) + "\n")
+    said = call("inspect", "slow.csv")[1]
+    assert "4 x of a quaternion" in said
+    assert "unit unknown" not in said
+
+
 def test_inspect_speaks_json(call: Call) -> None:
     code, said = call("inspect", "slow.csv", "--json")
     assert code == 0

@@ -232,11 +232,14 @@ def _show(inspection: Inspection, console: Console) -> None:
         console.print(f"  [yellow]mind[/] {escape(sentence)}", highlight=False, soft_wrap=True)
 
 
+_UNITLESS = {"load": "of what it is rated for", "base_orientation": "of a quaternion"}
+
+
 def _line(channel: ChannelInspection) -> str:
     if channel.name in SETTINGS:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
-    none = "of what it is rated for" if channel.name == "load" else "unit unknown: say it in the mapping"
+    none = _UNITLESS.get(channel.name, "unit unknown: say it in the mapping")
     said = [f"{units.count(u)} x {u or none}" for u in dict.fromkeys(units)]
     parts = [" and ".join(said)]
     same = [u == channel.unit for u in units]  # a step in m says nothing of one in rad
