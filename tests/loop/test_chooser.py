@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trueup.arrays import Array
 from trueup.loop import chooser
 from trueup.loop.chooser import Chooser
 from trueup.loop.descent import Fit, Watch
+from trueup.loop.scans import missed
 from trueup.loop.selection import Choice
 from trueup.parameters import Parameter, ParameterSpace
 
@@ -53,3 +55,48 @@ def test_what_leads_lower_by_its_start_value_is_searched_from_there(
     assert [p.name for p in found.space.parameters if not p.frozen] == ["gain", *kept]
     assert found.loss == (5.0 if kept else held)
     assert list(select.choices[0].freeze) == ([] if kept else ["limit"])
+
+
+@pytest.mark.parametrize(
+    ("costs", "misses", "kept", "fits"),
+    [((0.1, 0.1, 0.1), (), "", 1), ((0.1, 0.1, 60.0), ("c",), "c", 2), ((0.1, 0.1, 60.0), (), "c", 5)],
+)
+def test_what_may_stay_at_its_start_value_is_asked_at_once(
+    monkeypatch: pytest.MonkeyPatch, costs: tuple[float, ...], misses: tuple[str, ...], kept: str, fits: int
+) -> None:
+    """Three parameters of a fit at a loss of 100, and what it costs to hold each; a score test finds those in `misses`."""
+    space = ParameterSpace(tuple(Parameter(name, "", 1.0, 0.0, 10.0) for name in "abcd"))
+    searched: list[str] = []
+
+    def fit(problem: object, space: ParameterSpace, *_: object, **__: Any) -> Fit:
+        searched.append("".join(p.name for p in space.parameters if p.frozen))
+        return _fit(space, 100.0 + sum(costs["abc".index(name)] for name in searched[-1]))
+
+    for name, stub in (
+        ("untold", lambda *_: Choice((), ())),
+        ("fit", fit),
+        ("unit_covariance", lambda *_: np.eye(4)),
+        ("shallow", lambda *_: list(space.parameters[:3])),
+        ("missed", lambda problem, found, held, need: [p for p in held if p.name in misses]),
+    ):
+        monkeypatch.setattr(chooser, name, stub)
+    problem: Any = SimpleNamespace(chance=lambda residual: 1.0)
+    select = Chooser()
+    found = select.ended(problem, _fit(space, 100.0), Watch(), {})
+    assert [p.name for p in found.space.parameters if not p.frozen] == [*kept, "d"]
+    assert sorted(select.choices[0].freeze) == sorted(set("abc") - set(kept))
+    assert len(searched) == fits
+
+
+def test_a_score_test_finds_what_a_fit_misses_that_holds_it() -> None:
+    """Of two held parameters the recordings ask for the second, which only another size of it shows beside the gain."""
+    slopes = np.random.default_rng(0).normal(size=(200, 3))
+
+    def residuals(values: Array) -> Array:
+        return (values - [2.0, 1.0, 4.0]) @ slopes.T
+
+    space = ParameterSpace(tuple(Parameter(name, "", 1.0, 0.0, 10.0) for name in ("gain", "still", "moved")))
+    held, here = space.left_open(["still", "moved"]), np.array([2.0, 1.0, 1.0])
+    found = Fit(held, np.array([0.2]), residuals(here), 10.0 * slopes[:, :1], np.ones(200), "")
+    problem: Any = SimpleNamespace(residuals=residuals, chance=lambda residual: 1.0)
+    assert missed(problem, found, space.parameters[1:], 5.0) == [space["moved"]]

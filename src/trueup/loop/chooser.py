@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,9 +12,10 @@ import numpy as np
 from trueup.loop.descent import Fit
 from trueup.loop.fit import REFINEMENT, SHIPPED, Watch, fit
 from trueup.loop.problem import Problem
+from trueup.loop.scans import missed
 from trueup.loop.selection import Choice, choose, kept_notes, proof, shallow, untold
 from trueup.loop.uncertainty import unit_covariance
-from trueup.parameters import ParameterSpace
+from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
 
 
@@ -67,22 +68,18 @@ class Chooser:
 
     def _at_start_values(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
-        alike the one that was known before. Where slopes lead lower from there, it is told after all.
+        alike the one that was known before. All are asked about at once, then in halves, for each asks for a whole fit.
         """
-        how = {**how, "stages": REFINEMENT}
-        for p in shallow(found.shot or found.near or problem, found)[: int(found.space.free.sum()) - 1]:
-            need, space = proof(problem, found), found.space.left_open([p.name])
-            values = np.where(space.free, found.values, space.nominal)
-            held = fit(problem, space, values, watch, **how, begun=found)
-            loss = _loss(held, found)
-            if not loss < found.loss + need:
-                continue
-            free = fit(problem, found.space, held.values, watch, **how, begun=replace(found, starts=held.starts))
-            lower = _loss(free, found) < loss - need
-            if not lower:
-                self._take(Choice((p.name,), kept_notes([p])))
-            again = free if lower else held
-            found = _with_notes(again, found)
+        asked = shallow(found.shot or found.near or problem, found)[: int(found.space.free.sum()) - 1]
+        groups = [asked] if asked else []
+        while groups:
+            some = groups.pop()
+            held, again = _held_at_start(problem, found, some, watch, {**how, "stages": REFINEMENT})
+            if _loss(again, found) < found.loss + proof(problem, found) * len(held):
+                self._take(Choice(tuple(p.name for p in held), kept_notes(held)))
+                found = _with_notes(again, found)
+            elif len(some) > 1:
+                groups += [some[len(some) // 2 :], some[: len(some) // 2]]
         return found
 
     def _take(self, late: Choice) -> None:
@@ -94,6 +91,23 @@ class Chooser:
         first, *rest = self.choices
         pairs = [(n, note) for n, note in zip(first.freeze, first.notes, strict=True) if space[n].frozen]
         self.choices = (replace(first, freeze=tuple(n for n, _ in pairs), notes=tuple(n for _, n in pairs)), *rest)
+
+
+def _held_at_start(
+    problem: Problem, found: Fit, held: Sequence[Parameter], watch: Watch, how: Mapping[str, Any]
+) -> tuple[list[Parameter], Fit]:
+    """Parameters that stay at their start values in a fit, and that fit. What a score test tells of there was told after
+    all.
+    """
+    held, again = list(held), found
+    while True:
+        space = found.space.left_open([p.name for p in held])
+        values = np.where(space.free, again.values, space.nominal)
+        again = fit(problem, space, values, watch, **how, begun=replace(found, starts=again.starts))
+        needed = missed(again.shot or again.near or problem, again, held, proof(problem, found)) if held else []
+        if not needed:
+            return held, again
+        held = [p for p in held if p not in needed]
 
 
 def _with_notes(fit: Fit, before: Fit) -> Fit:

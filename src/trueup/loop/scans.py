@@ -7,7 +7,7 @@ without it foretell (C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,6 +111,18 @@ class Scan:
         sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v != p.nominal}
         lower = 0.5 * float(np.log(max(before, TINY) / max(lowest, TINY)))
         return Look(name, sizes, before - lowest, lower, self.found.values)
+
+
+def missed(problem: Problem, found: Fit, held: Sequence[Parameter], need: float) -> list[Parameter]:
+    """Those of some parameters that are `held` in a fit without which its loss is more than `need` lower, by score tests."""
+    scan, names = Scan.of(problem, found), [p.name for p in found.space.parameters]
+    places = [_places(p) for p in held]
+    rows = np.repeat(found.values[None], 1 + sum(map(len, places)), axis=0)
+    columns = np.repeat([names.index(p.name) for p in held], [len(at) for at in places])
+    rows[np.arange(1, len(rows)), columns] = np.concatenate(places)
+    before, *after = (scan.left(r) for r in problem.residuals(rows))
+    lowest = (np.min(own) for own in np.split(np.array(after), np.cumsum([len(at) for at in places])[:-1]))
+    return [p for p, loss in zip(held, lowest, strict=True) if loss < before - need]
 
 
 def _places(p: Parameter) -> Array:
