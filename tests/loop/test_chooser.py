@@ -58,23 +58,25 @@ def test_what_leads_lower_by_its_start_value_is_searched_from_there(
 
 
 @pytest.mark.parametrize(
-    ("costs", "misses", "kept", "fits"),
-    [((0.1, 0.1, 0.1), (), "", 1), ((0.1, 0.1, 60.0), ("c",), "c", 2), ((0.1, 0.1, 60.0), (), "c", 5)],
+    ("costs", "misses", "kept", "looks", "fits"),
+    [((0.1, 0.1, 0.1), (), "", 1, 1), ((0.1, 0.1, 60.0), ("c",), "c", 2, 1), ((0.1, 0.1, 60.0), (), "c", 5, 2)],
 )
 def test_what_may_stay_at_its_start_value_is_asked_at_once(
-    monkeypatch: pytest.MonkeyPatch, costs: tuple[float, ...], misses: tuple[str, ...], kept: str, fits: int
+    monkeypatch: pytest.MonkeyPatch, costs: tuple[float, ...], misses: tuple[str, ...], kept: str, looks: int, fits: int
 ) -> None:
     """Three parameters of a fit at a loss of 100, and what it costs to hold each; a score test finds those in `misses`."""
     space = ParameterSpace(tuple(Parameter(name, "", 1.0, 0.0, 10.0) for name in "abcd"))
+    looked: list[str] = []
     searched: list[str] = []
 
-    def fit(problem: object, space: ParameterSpace, *_: object, **__: Any) -> Fit:
-        searched.append("".join(p.name for p in space.parameters if p.frozen))
-        return _fit(space, 100.0 + sum(costs["abc".index(name)] for name in searched[-1]))
+    def holding(space: ParameterSpace, where: list[str]) -> Fit:
+        where.append("".join(p.name for p in space.parameters if p.frozen))
+        return _fit(space, 100.0 + sum(costs["abc".index(name)] for name in where[-1]))
 
     for name, stub in (
         ("untold", lambda *_: Choice((), ())),
-        ("fit", fit),
+        ("fit", lambda problem, space, *_, **__: holding(space, searched)),
+        ("descended", lambda problem, found, *_: holding(found.space, looked)),
         ("unit_covariance", lambda *_: np.eye(4)),
         ("shallow", lambda *_: list(space.parameters[:3])),
         ("missed", lambda problem, found, held, need: [p for p in held if p.name in misses]),
@@ -82,10 +84,10 @@ def test_what_may_stay_at_its_start_value_is_asked_at_once(
         monkeypatch.setattr(chooser, name, stub)
     problem: Any = SimpleNamespace(chance=lambda residual: 1.0)
     select = Chooser()
-    found = select.ended(problem, _fit(space, 100.0), Watch(), {})
+    found = select.ended(problem, _fit(space, 100.0), Watch(), {"robust": 3.0})
     assert [p.name for p in found.space.parameters if not p.frozen] == [*kept, "d"]
     assert sorted(select.choices[0].freeze) == sorted(set("abc") - set(kept))
-    assert len(searched) == fits
+    assert (len(looked), len(searched)) == (looks, fits)
 
 
 def test_a_score_test_finds_what_a_fit_misses_that_holds_it() -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from trueup.loop.descent import Fit
+from trueup.arrays import Array
+from trueup.loop.descent import Fit, descended
 from trueup.loop.fit import REFINEMENT, SHIPPED, Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.scans import missed
@@ -68,14 +69,18 @@ class Chooser:
 
     def _at_start_values(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
-        alike the one that was known before. All are asked about at once, then in halves, for each asks for a whole fit.
+        alike the one that was known before. All are asked about at once, then in halves.
         """
         asked = shallow(found.shot or found.near or problem, found)[: int(found.space.free.sum()) - 1]
         groups = [asked] if asked else []
         while groups:
             some = groups.pop()
-            held, again = _held_at_start(problem, found, some, watch, {**how, "stages": REFINEMENT})
-            if _loss(again, found) < found.loss + proof(problem, found) * len(held):
+            held, values = _held_at_start(problem, found, some, how["robust"])
+            again = None
+            if values is not None:
+                space = found.space.left_open([p.name for p in held])
+                again = fit(problem, space, values, watch, **{**how, "stages": REFINEMENT}, begun=found)
+            if again is not None and _loss(again, found) < found.loss + proof(problem, found) * len(held):
                 self._take(Choice(tuple(p.name for p in held), kept_notes(held)))
                 found = _with_notes(again, found)
             elif len(some) > 1:
@@ -94,19 +99,20 @@ class Chooser:
 
 
 def _held_at_start(
-    problem: Problem, found: Fit, held: Sequence[Parameter], watch: Watch, how: Mapping[str, Any]
-) -> tuple[list[Parameter], Fit]:
-    """Parameters that stay at their start values in a fit, and that fit. What a score test tells of there was told after
-    all.
+    problem: Problem, found: Fit, held: Sequence[Parameter], robust: float
+) -> tuple[list[Parameter], Array | None]:
+    """Which of some parameters may stay at their start values, and the values (n,) of all to search from; None where that
+    explains the recordings worse. What a score test tells of there was told after all. Corrections of starts stay as they
+    are: with them a look is a tenth of a fit.
     """
-    held, again = list(held), found
+    solved, need, held, values = found.shot or found.near or problem, proof(problem, found), list(held), found.values
     while True:
         space = found.space.left_open([p.name for p in held])
-        values = np.where(space.free, again.values, space.nominal)
-        again = fit(problem, space, values, watch, **how, begun=replace(found, starts=again.starts))
-        needed = missed(again.shot or again.near or problem, again, held, proof(problem, found)) if held else []
+        values = np.where(space.free, values, space.nominal)
+        look = descended(solved, replace(found, space=space), space.to_unit(values), robust)
+        values, needed = look.values, missed(solved, look, held, need) if held else []
         if not needed:
-            return held, again
+            return held, values if look.loss < found.loss + need * len(held) else None
         held = [p for p in held if p not in needed]
 
 

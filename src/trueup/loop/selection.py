@@ -14,10 +14,20 @@ from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, UNSEEN, UNTOLD, effects, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
-from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors, settled_loss
+from trueup.loop.validate import (
+    Block,
+    by_setting,
+    by_stretch,
+    cautious_errors,
+    left_out_errors,
+    settled_loss,
+    settling,
+)
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
+from trueup.search.robust import robust_losses
 
+_CHORDS = 4  # looks while others settle: a leg's friction has settled in two
 _PLAINLY = 10.0
 """Of what proves one parameter: where slopes leave no doubt, and what settling by slopes may leave of less than a tenth."""
 
@@ -84,7 +94,8 @@ def shallow(problem: Problem, fit: Fit) -> list[Parameter]:
     foretold = 0.5 * (_elsewhere(fit) - fit.unit) ** 2 / np.diag(inverse)
     free, much = [p for p in fit.space.parameters if not p.frozen], _PLAINLY * proof(problem, fit)
     some = [k for k, p in enumerate(free) if foretold[k] > much and not p.optional and p.absent is None]
-    return _settled_below(problem, fit, some, fit.loss + much)
+    places = [free.index(p) for p in _settled_below(problem, fit, some, fit.loss + much)]
+    return [free[k] for k, loss in zip(places, _settled(problem, fit, places), strict=True) if loss < fit.loss + much]
 
 
 def proof(problem: Problem, fit: Fit) -> float:
@@ -136,6 +147,23 @@ def _settled_below(problem: Problem, fit: Fit, places: Sequence[int], most: floa
     residuals = problem.residuals(fit.space.from_unit(points)) if len(places) else ()
     settled = [settled_loss(fit, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)]
     return [free[k] for k, loss in zip(places, settled, strict=True) if loss < most]
+
+
+def _settled(problem: Problem, fit: Fit, places: Sequence[int]) -> Array:
+    """(k,) the lowest loss with each free parameter of numbers `places` elsewhere while all others settle, by steps with the
+    slopes of the fit (J. E. Dennis and R. B. Schnabel, Numerical Methods for Unconstrained Optimization, 1983: the chord
+    method): what one step of them promises may lie beyond where slopes hold.
+    """
+    points, lowest = np.repeat(fit.unit[None], len(places), axis=0), np.full(len(places), np.inf)
+    points[np.arange(len(places)), places] = _elsewhere(fit)[places]
+    for _ in range(_CHORDS if len(places) else 0):
+        residuals = problem.residuals(fit.space.from_unit(points))
+        lowest = np.fmin(lowest, np.nan_to_num(robust_losses(residuals, fit.bend), nan=np.inf))
+        for point, place, residual in zip(points, places, residuals, strict=True):
+            others = np.delete(np.arange(len(point)), place)
+            if np.isfinite(residual).all():
+                point[others] = np.clip(point[others] + settling(fit, others, residual)[2], 0.0, 1.0)
+    return lowest
 
 
 def _elsewhere(fit: Fit) -> Array:

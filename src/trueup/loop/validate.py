@@ -155,13 +155,22 @@ def settled_loss(fit: Fit, others: NDArray[np.intp], residual: Array, rows: NDAr
     """The loss of residuals (r,), all or in some rows, once other parameters have settled, by the slopes of a fit."""
     if not np.isfinite(residual).all():
         return float("inf")
-    loss = float(robust_losses(residual[None], fit.bend)[0])
+    curvature, slope, step = settling(fit, others, residual, rows)
+    return float(robust_losses(residual[None], fit.bend)[0]) - gain(curvature, slope, step)
+
+
+def settling(
+    fit: Fit, others: NDArray[np.intp], residual: Array, rows: NDArray[np.intp] | None = None
+) -> tuple[Array, Array, Array]:
+    """Curvature (k, k) and slope (k,) of the loss of residuals (r,) in other parameters, and the step (k,) in which they
+    settle, by the slopes of a fit.
+    """
     jacobian = fit.jacobian[:, others] if rows is None else fit.jacobian[np.ix_(rows, others)]
     root = np.sqrt(robust_weights(residual, fit.bend))
     jacobian *= root[:, None]  # a copy, as its columns were picked
     curvature, slope = jacobian.T @ jacobian, jacobian.T @ (root * residual)
     step = damped_step(curvature, slope, INEXACT, fit.unit[others]) if len(others) else np.zeros(0)
-    return loss - gain(curvature, slope, step)
+    return curvature, slope, step
 
 
 def folds(problem: Problem) -> tuple[list[Block], NDArray[np.intp]]:
