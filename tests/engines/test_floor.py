@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
-from trueup.engines.mujoco.floor_plane import plane_of
-from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.floor_plane import plane_of, rules
+from trueup.engines.mujoco.model import load, prepared
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.writing.write import simulated_model, write_model
@@ -126,6 +126,18 @@ def test_a_diagnosed_floor_is_shown_with_its_height_and_can_be_refused(arm: Path
     assert not [n for n in refused.simulator.parameters.names if "floor" in n or "zero" in n]
     with pytest.raises(UnknownNameError, match=r"diagnosis 'flor'.*floor"):
         prepare(arm, recordings, refuse=["flor"])
+
+
+@pytest.mark.parametrize("second", ["backlash", "gear"])
+def test_the_friction_of_a_floor_is_calibrated_beside_gaps_and_springs_of_gears(tmp_path: Path, second: str) -> None:
+    """Adding joints has a spec forget which of its shapes is the floor."""
+    path, parameters = tmp_path / "arm.xml", tmp_path / "p.toml"
+    path.write_text(ARM.format(kp=20, damping=0.4, table=TABLE.format(z=-0.05)), encoding="utf-8")
+    parameters.write_text('[[parameter]]\nquantity = "floor_friction"\n[[parameter]]\nquantity = "kp"\n', encoding="utf-8")
+    simulator, _ = simulator_for(path, [record("r0", 0, table=-0.08)], parameters)
+    assert isinstance(simulator, MujocoSimulator)
+    whole = prepared(simulator.model, step=0.002, second={second: ["elbow"]}, sliding=True)
+    assert rules(whole, plane_of(whole))
 
 
 def test_a_model_that_has_a_floor_keeps_its_own(tmp_path: Path) -> None:

@@ -207,16 +207,17 @@ def prepared(
         _unshape(spec)
     if bare or not needs_shapes(model.compiled):
         _drop_visuals(spec, model.compiled)
+    # Before anything else is added, with which a spec forgets which of its parts is which.
+    if floor and plane_of(model.compiled) < 0:
+        add_floor(spec)
+    elif sliding:
+        rule(spec, model.compiled)
     for actuator in spec.actuators:
         # Signals delay commands, by fractions of a step too; the engine's own delay would come on top.
         actuator.delay, actuator.nsample = 0.0, 0
     for kind, names in (second or {}).items():
         for name in names:
             add_second(spec, name, kind, float(model.get("joint.inertia", name)[0]))
-    if floor and plane_of(model.compiled) < 0:
-        add_floor(spec)
-    elif sliding:
-        rule(spec, model.compiled)
     for name in limited:
         actuator = spec.actuator(name)
         if actuator.forcelimited != mujoco.mjtLimited.mjLIMITED_TRUE and not np.any(actuator.forcerange):
