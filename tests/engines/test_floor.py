@@ -128,7 +128,7 @@ def test_a_diagnosed_floor_is_shown_with_its_height_and_can_be_refused(arm: Path
         prepare(arm, recordings, refuse=["flor"])
 
 
-@pytest.mark.parametrize("second", ["backlash", "gear"])
+@pytest.mark.parametrize("second", ["slack", "gear"])
 def test_the_friction_of_a_floor_is_calibrated_beside_gaps_and_springs_of_gears(tmp_path: Path, second: str) -> None:
     """Adding joints has a spec forget which of its shapes is the floor."""
     path, parameters = tmp_path / "arm.xml", tmp_path / "p.toml"
