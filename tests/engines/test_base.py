@@ -181,9 +181,13 @@ def test_quaternions_of_an_inertial_unit_speak_against_a_stand_too(tmp_path: Pat
     assert any("It was not held: by 'imu_quat' it turned by" in note for note in notes)
 
 
-@pytest.mark.parametrize("stands", [True, False])
-def test_joints_that_rest_as_under_the_robots_weight_speak_against_a_stand(tmp_path: Path, stands: bool) -> None:
-    """Of a dog heavier and softer than its model, begun in a posture that its keyframe has not."""
+@pytest.mark.parametrize(("stands", "pace"), [(True, 0.0), (True, 0.5), (False, 0.0)])
+def test_joints_that_rest_as_under_the_robots_weight_speak_against_a_stand(
+    tmp_path: Path, stands: bool, pace: float
+) -> None:
+    """Of a dog heavier and softer than its model, begun in a posture that its keyframe has not; commands of some `pace`
+    (rad/s) set out at once.
+    """
     told = np.tile([0.3, -0.5], 4)
     text = _DOG.format(mass=4.8, kp=35.0)
     if not stands:
@@ -194,12 +198,24 @@ def test_joints_that_rest_as_under_the_robots_weight_speak_against_a_stand(tmp_p
     mujoco.mj_step(model, data, 1000)
     seen = data.qpos[-len(_JOINTS) :] + np.random.default_rng(0).normal(0.0, 5e-4, (len(time), len(_JOINTS)))
     channels = (
-        Channel("command", _JOINTS, "rad", time, np.tile(told, (len(time), 1))),
+        Channel("command", _JOINTS, "rad", time, told + pace * time[:, None]),
         Channel("position", _JOINTS, "rad", time, seen),
     )
     _, notes = simulator_for(_written(tmp_path), [Recording("rest", {c.name: c for c in channels})])
     (note,) = (n for n in notes if "held in the air" in n)
     assert ("as where the model stands on the floor" in note) == stands
+
+
+def test_a_robot_on_its_feet_is_not_said_to_work_above_a_table(tmp_path: Path) -> None:
+    """It was held because its pose was not logged; that it sags on its feet is no table in its way."""
+    time = np.arange(0.0, 2.0, 0.01)
+    channels = (
+        Channel("command", _JOINTS, "rad", time, np.tile([0.3, -0.5], (len(time), 4))),
+        Channel("position", _JOINTS, "rad", time, np.tile([0.6, -0.4], (len(time), 4))),
+    )
+    _, notes = simulator_for(_written(tmp_path), [Recording("stands", {c.name: c for c in channels})])
+    assert any("held in the air" in note for note in notes)
+    assert not any("has no floor" in note for note in notes)
 
 
 def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:

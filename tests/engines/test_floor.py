@@ -133,7 +133,9 @@ def test_the_friction_of_a_floor_is_calibrated_beside_gaps_and_springs_of_gears(
     """Adding joints has a spec forget which of its shapes is the floor."""
     path, parameters = tmp_path / "arm.xml", tmp_path / "p.toml"
     path.write_text(ARM.format(kp=20, damping=0.4, table=TABLE.format(z=-0.05)), encoding="utf-8")
-    parameters.write_text('[[parameter]]\nquantity = "floor_friction"\n[[parameter]]\nquantity = "kp"\n', encoding="utf-8")
+    parameters.write_text(
+        '[[parameter]]\nquantity = "floor_friction"\n[[parameter]]\nquantity = "kp"\n', encoding="utf-8"
+    )
     simulator, _ = simulator_for(path, [record("r0", 0, table=-0.08)], parameters)
     assert isinstance(simulator, MujocoSimulator)
     whole = prepared(simulator.model, step=0.002, second={second: ["elbow"]}, sliding=True)

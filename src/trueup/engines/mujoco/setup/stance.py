@@ -15,7 +15,7 @@ from trueup.recording import Recording
 from trueup.trial import command_of
 
 _BEGINNING = 0.1  # s in which a robot rests that begins at rest
-_RESTS = 0.02  # rad or m by which commands and positions may change in it
+_RESTS = 0.02  # rad or m by which positions may change in it
 _SETTLED = 2.0  # s in which servos come to rest under their load
 _UPRIGHT = 0.5  # rad that a base leans at most while its robot stands
 _CLEARLY = 0.5  # of the distance from where it hangs: how near to where it stands, so that doubtful gains do not decide
@@ -49,7 +49,7 @@ def stood(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording])
             worst = (free.names("actuator")[rest.actuators[k]], float(seen[k]), float(up[k]), float(down[k]))
     if not standing < _CLEARLY**2 * hung:
         return ""
-    name, seen, up, down = worst[0], *(f"{1e3 * x:+.2g}" for x in worst[1:])
+    name, seen, up, down = worst[0], *(f"{1e3 * x:+.3g}" for x in worst[1:])
     return (
         f"where recordings begin '{name}' is {seen} mrad or mm beside its command, as where the model stands on the floor "
         f"({up}) and not as where it hangs ({down})"
@@ -68,11 +68,11 @@ def _rest(model: Model, recording: Recording) -> _Rest | None:
     if set(actuators) != everything or not all(model.is_position_servo(i) for i in actuators):
         return None
     early = [c.select(labels) for c in (command, position)]
-    rows = [c.values[c.time <= recording.start + _BEGINNING] for c in early]
-    if any(len(r) == 0 or not np.isfinite(r).all() or np.ptp(r, axis=0).max() > _RESTS for r in rows):
+    told, was = (c.values[c.time <= recording.start + _BEGINNING] for c in early)
+    if not (len(told) and len(was) and np.isfinite(told[0]).all() and np.isfinite(was).all()):
         return None
-    told, was = (r.mean(axis=0) for r in rows)
-    return _Rest(actuators, told, was)
+    # Commands that set out at once have not moved the joints yet.
+    return None if np.ptp(was, axis=0).max() > _RESTS else _Rest(actuators, told[0], was.mean(axis=0))
 
 
 def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
