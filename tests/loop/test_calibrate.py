@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,6 +21,7 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT, Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.recalibrate import Earlier, recalibrate
+from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -123,6 +125,25 @@ def test_a_resumed_calibration_ends_where_an_uninterrupted_one_does(
     assert len(states) > 2
     again = calibrate(simulator(), short, options=options, resume=states[len(states) // 2])
     assert np.allclose(again.values, whole.values, rtol=1e-2)
+
+
+def test_an_interrupted_calibration_goes_on_in_the_windows_it_had(
+    simulator: Callable[..., MujocoSimulator], recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """How long they are hangs on what was free at first, not on what has been frozen since."""
+    freed: list[list[str]] = []
+
+    def cut(problem: Problem, values: Array, space: ParameterSpace, *_: object) -> tuple[object, ...]:
+        freed.append([p.name for p in space.parameters if not p.frozen])
+        return problem, values, np.inf, []
+
+    monkeypatch.setattr("trueup.loop.calibrate.cut_for_search", cut)
+    made, states = simulator(), list[dict[str, Any]]()
+    short, options = [r.slice(0.0, 1.5) for r in recordings[:1]], Options(cross_validate=False, select=False)
+    calibrate(made, short, options=options, checkpoint=states.append)
+    left = {**states[-1]["search"], "point": states[-1]["search"]["point"][1:]}
+    calibrate(made, short, options=options, resume={**states[-1], "frozen": made.parameters.names[:1], "search": left})
+    assert freed[0] == freed[1]
 
 
 def test_later_recordings_cost_a_third_of_a_search_anew_and_are_fitted_as_well(

@@ -89,7 +89,7 @@ def calibrate(
     began, cpu, warnings = time.perf_counter(), time.process_time(), check(recordings, hold_out)
     space = simulator.parameters if space is None else space
     chosen = _with_entering(options or Options(), space)
-    space, chosen_before = _searched(space, chosen.later, resume)
+    left, chosen_before = _searched(space, chosen.later, resume)
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
     fitted = chosen.channels or usual(channels)
@@ -101,7 +101,7 @@ def calibrate(
     problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
     watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
-    found = fit(problem, space, led if start is None else start, watch, resume=resume, select=select, **_how(chosen))
+    found = fit(problem, left, led if start is None else start, watch, resume=resume, select=select, **_how(chosen))
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
