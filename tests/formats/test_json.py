@@ -48,6 +48,28 @@ def test_nested_objects_name_the_joints(tmp_path: Path) -> None:
     assert recording.channel("position").labels == recording.channel("command").labels == ("hip", "knee")
 
 
+def test_a_list_of_motors_in_each_line_is_one_column_for_each_of_their_signals(tmp_path: Path) -> None:
+    def motors(signal: str, t: float) -> list[dict[str, Any]]:
+        return [{"mode": 10, signal: t}, {"mode": 10, signal: 2 * t}]
+
+    bare = [{"t": t, "motorState": motors("q", t), "motorCmd": motors("q", 3 * t), "foot": [1, 2, 3, 4]} for t in TIMES]
+    recording = read(tmp_path / "log.jsonl", "\n".join(json.dumps(line) for line in bare))
+    assert recording.channel("position").labels == recording.channel("command").labels == ("joint_0", "joint_1")
+    assert recording.channel("position").values[:, 1] == pytest.approx([2 * t for t in TIMES])
+    assert recording.channel("command").values[:, 1] == pytest.approx([6 * t for t in TIMES])
+    assert recording.channel("foot").labels == ("1", "2", "3", "4")
+
+
+def test_objects_of_a_list_that_name_themselves_are_told_apart_by_that_name(tmp_path: Path) -> None:
+    def joints(t: float, turned: bool) -> list[dict[str, Any]]:
+        both = [{"name": "hip", "position": t}, {"name": "knee", "position": 2 * t}]
+        return both[::-1] if turned else both
+
+    recording = read(tmp_path / "log.json", [{"t": t, "joint_states": joints(t, t > 0.01)} for t in TIMES])
+    assert recording.channel("position").labels == ("hip", "knee")
+    assert recording.channel("position").column("knee") == pytest.approx([2 * t for t in TIMES])
+
+
 def test_facts_beside_the_signals_are_kept(tmp_path: Path) -> None:
     entries = [{"t": t, "position": t, "state": "ok"} for t in TIMES]
     recording = read(tmp_path / "log.json", {"mass": 0.49, "motor": {"name": "xl330"}, "entries": entries})

@@ -108,7 +108,9 @@ def _from_entries(entries: Sequence[Any], path: Path, key: str) -> dict[str, lis
         if not isinstance(entry, dict):
             raise FormatError(f"{where}, entry {i + 1}: {shown(entry)} is not an object with keys")
         for name, value in _flat(_with_named_lists(entry)).items():
-            columns.setdefault(name, [None] * len(entries))[i] = value
+            if name not in columns:  # setdefault would make a list for every cell
+                columns[name] = [None] * len(entries)
+            columns[name][i] = value
     return columns
 
 
@@ -123,12 +125,32 @@ def _with_named_lists(entry: Mapping[str, Any], depth: int = 0) -> dict[str, Any
         by = next((n for n in named if isinstance(value, list) and n != key and len(named[n]) == len(value)), None)
         if isinstance(value, dict) and depth < 20:
             made[key] = _with_named_lists(value, depth + 1)
+        elif depth < 20 and isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
+            made |= {f"{key}{part}": _with_named_lists(each, depth + 1) for part, each in _by_part(value)}
         elif by is not None and key not in named:
             beside.add(by)
             made |= {f"{key}/{name}": each for name, each in zip(named[by], value, strict=True)}
         else:
             made[key] = value
     return {key: value for key, value in made.items() if key not in beside}
+
+
+def _by_part(objects: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(what tells it apart, object) of each in a list of them, as a bus of motors has one for each: by the name that it says
+    of itself, or by its place.
+    """
+    said = [
+        next(
+            (str(value) for key, value in each.items() if isinstance(value, str) and _NAMES & set(split_words(key))), ""
+        )
+        for each in objects
+    ]
+    named = len(set(said)) == len(said) and all(said)
+    for i, (name, each) in enumerate(zip(said, objects, strict=True)):
+        if named:
+            yield f"/{name}", {key: value for key, value in each.items() if value != name}
+        else:
+            yield f"[{i}]", dict(each)
 
 
 def _are_names(key: str, value: Any) -> bool:

@@ -226,7 +226,8 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
         return joints.joint_labels(first.table.named[first.name])
     known = first.table.labels
     of_sensor = () if group[0].role else bases.sensor_labels(first)
-    return of_sensor or (known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total)))
+    of = "joint_" if group[0].role else ""  # four feet are no joints
+    return of_sensor or (known if len(known) == total else tuple(f"{of}{i + 1}" for i in range(total)))
 
 
 def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:
