@@ -48,6 +48,7 @@ NOUNS = (
     "film",
     "model_files",
     "tracking",
+    "articulated.pose",  # how recordings tell that of a free base
 )
 FAMILIES = {  # folder -> its base, the protocol that the others may know
     "robots": "robots.robot",
@@ -86,10 +87,10 @@ RULES = (
     Rule(
         "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)
     ),  # its own controller is a Stanley too
-    # an agent in a running game: the pose of its base, and controllers that a task brings along
+    # an agent in a running game: controllers that a task brings along
     Rule(
         "robots.rcss",
-        ("robots.robot", "controllers.controller", "engines.simulator", "tasks.task", "articulated.pose", *NOUNS),
+        ("robots.robot", "controllers.controller", "engines.simulator", "tasks.task", *NOUNS),
     ),
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
     # how a walk is graded, and how it sways

@@ -110,6 +110,18 @@ def test_a_command_that_a_driver_does_not_log_is_the_one_that_was_requested() ->
     np.testing.assert_array_equal(command.values, trial.command.values if trial.command else None)
 
 
+def test_quaternions_of_a_base_are_the_angles_that_are_observed() -> None:
+    trial, measured = sent()
+    turned = 0.3 * np.sin(measured.time)
+    angles = Observed(("roll", "pitch", "yaw"), "rad", trial.observed["position"].time)
+    half = np.stack([np.cos(turned / 2), 0 * turned, np.sin(turned / 2), 0 * turned], axis=1)  # about y
+    tracked = Channel("base_orientation", ("w", "x", "y", "z"), "", measured.time, half)
+    asked = replace(trial, observed={**trial.observed, "base_orientation": angles})
+    (recording,) = as_asked(asked, [measured.with_channel(tracked)])
+    pitch = recording.channel("base_orientation").column("pitch")
+    np.testing.assert_allclose(pitch, turned, atol=1e-9)
+
+
 def test_a_clock_in_ms_is_named_where_the_command_is_by_it_too() -> None:
     trial, measured = sent()
     assert trial.command is not None

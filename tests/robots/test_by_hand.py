@@ -137,6 +137,19 @@ def test_a_log_that_was_asked_for_comes_back_as_the_recording(bench: Bench) -> N
     assert (bench.accepted / "trial-001" / "trial-001.csv").read_text() == log_text()
 
 
+def test_a_pose_that_motion_capture_tells_in_quaternions_is_taken(bench: Bench) -> None:
+    angles = Observed(("roll", "pitch", "yaw"), "rad", TIME)
+    asked = replace(trial(), observed={**trial().observed, "base_orientation": angles})
+    head, *rows = log_text().splitlines()
+    half = 0.1 * np.sin(TIME)  # of the pitch
+    more = [f"{row},0,0,0.3,{np.cos(h):.6f},0,{np.sin(h):.6f},0" for row, h in zip(rows, half, strict=True)]
+    bench.robot.hand_out([asked])
+    bench.drop("trial-001.csv", "\n".join([f"{head},base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz", *more]))
+    assert "accepted" in bench.look()
+    (recording,) = bench.again().perform(asked)
+    np.testing.assert_allclose(recording.channel("base_orientation").column("pitch"), 2.0 * half, atol=1e-5)
+
+
 def test_columns_named_as_in_the_header_need_no_mapping(bench: Bench) -> None:
     bench.robot.hand_out([trial()])
     head = (bench.folder / "outbox" / "trial-001" / "log-header.csv").read_text().strip()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence, Sized
 
 from trueup.errors import TrialError
 from trueup.inspection.asked import lasting, missized, swapped
-from trueup.inspection.requested import completed
+from trueup.inspection.requested import as_observed, completed
 from trueup.inspection.si import in_si
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
@@ -52,7 +52,9 @@ def as_asked(trial: Trial, recordings: Sequence[Recording]) -> list[Recording]:
     the run, or has its joints in another order: nothing could be scored or calibrated by it, ever.
     """
     return [
-        r if trial.watched is not None and is_told(r) else completed(trial, _checked(trial, _observed(trial, in_si(r))))
+        r
+        if trial.watched is not None and is_told(r)
+        else completed(trial, _checked(trial, _observed(trial, in_si(as_observed(trial, r)))))
         for r in recordings
     ]
 

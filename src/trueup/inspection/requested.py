@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.pose import ANGLES, ORIENTATION, QUATERNION, in_angles
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording, is_command, with_warnings
 from trueup.trial import Trial
@@ -13,9 +14,21 @@ from trueup.trial import Trial
 _EARLY = 0.1  # s before the run that a log may hold; more is cut off
 
 
+def as_observed(trial: Trial, recording: Recording) -> Recording:
+    """The recording, a base's orientation in angles where these are observed and the log has quaternions, as motion
+    capture does.
+    """
+    if ORIENTATION not in trial.observed or not recording.has(ORIENTATION):
+        return recording
+    asked, told = trial.observed[ORIENTATION].labels, recording.channel(ORIENTATION).labels
+    return in_angles(recording) if set(asked) == set(ANGLES) and set(told) == set(QUATERNION) else recording
+
+
 def completed(trial: Trial, recording: Recording) -> Recording:
-    """The recording from where the run begins in it, with the command that was requested; that this is so is kept with it."""
-    asked = trial.command
+    """The recording as it is observed, from where the run begins in it, with the command that was requested; that this
+    is so is kept with it.
+    """
+    asked, recording = trial.command, as_observed(trial, recording)
     if asked is None:
         return recording
     logged = next((recording.channel(n) for n in ("command", "command_sent") if recording.has(n)), None)

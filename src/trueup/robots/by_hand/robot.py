@@ -12,7 +12,7 @@ from pathlib import Path
 from trueup.errors import RobotFellError, TrialAbortedError, TrueupError
 from trueup.formats import read
 from trueup.formats.aside import write_aside
-from trueup.inspection.requested import completed
+from trueup.inspection.requested import as_observed, completed
 from trueup.recording import Recording
 from trueup.robots.by_hand.accepted import Accepted, Run
 from trueup.robots.by_hand.check import mismatches, one_of
@@ -193,7 +193,7 @@ class ByHand:
         recordings, named = self._read(item, mapping, likely)
         if len(recordings) != 1:
             return f"it holds {len(recordings)} recordings ({', '.join(r.name for r in recordings)}); drop one run at a time"
-        recording = recordings[0]
+        recording = as_observed(likely, recordings[0])
         twin = self._accepted.checksums().get(_checksum(recording))
         if twin:
             return f"this log was accepted for {twin} already; is it a wrong file?"
