@@ -165,6 +165,24 @@ def test_a_log_without_commands_beside_others_is_said_to_drive_nothing(tmp_path:
     assert any("silent: no command" in w for w in warnings)
 
 
+def test_a_drive_that_nothing_commands_though_its_joint_moves_is_named(tmp_path: Path) -> None:
+    two = _ARM.format(damping=0.3, drive="<actuator><position joint='j'/><position name='calf' joint='k'/></actuator>")
+    path = tmp_path / "leg.xml"
+    path.write_text(
+        two.replace("<geom", "<body pos='0 0 -.4'><joint name='k' axis='0 1 0'/><geom size='.05'/></body><geom", 1)
+    )
+    time = np.arange(0.0, 2.0, 0.01)
+    moved = np.stack([np.sin(time), 0.3 * np.sin(3.0 * time)], axis=1)
+    command = Channel("command", ("j",), "rad", time, moved[:, :1])
+
+    def notes(knee: float) -> list[str]:
+        position = Channel("position", ("j", "k"), "rad", time, moved * [1.0, knee])
+        return list(simulator_for(path, [Recording("air", {c.name: c for c in (command, position)})])[1])
+
+    assert any("nothing commands calf in air, though the joint moves there" in n for n in notes(1.0))
+    assert not any("nothing commands" in n for n in notes(0.0))
+
+
 def _measured() -> Recording:
     """The swing, with its torques as measured ones."""
     torque = _swing().channel("command_torque").replace(name="torque")

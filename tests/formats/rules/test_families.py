@@ -62,6 +62,13 @@ def test_a_base_of_several_numbers_is_joints_where_motors_drive_it_or_the_model_
     assert guess(tmp_path, ROVER, BASE, still="tau_base").channels["position"].labels == (*BASE, "elbow")
 
 
+def test_a_joint_of_the_model_that_is_called_a_motor_is_a_joint(tmp_path: Path) -> None:
+    columns = ["cmd_knee", "cmd_ankle_motor", "pos_knee", "pos_ankle", "pos_ankle_motor"]
+    channels = guess(tmp_path, columns, ("knee", "ankle", "ankle_motor")).channels
+    assert channels["command"].labels == ("knee", "ankle_motor")
+    assert channels["position"].labels == ("knee", "ankle", "ankle_motor")
+
+
 def test_the_joints_of_a_model_are_read_from_its_text(tmp_path: Path) -> None:
     (tmp_path / "part.xml").write_text('<mujocoinclude><joint name="elbow"/></mujocoinclude>')
     (tmp_path / "arm.xml").write_text(

@@ -28,6 +28,7 @@ from trueup.engines.mujoco.setup.drives import (
     driven,
     suited,
     torques_as_commands,
+    uncommanded,
     undriven,
 )
 from trueup.engines.mujoco.setup.floor import reach_of
@@ -161,7 +162,7 @@ class Articulated(Family):
                 elif not given.is_mjcf and change in (floating, driven, passable):
                     given = changed  # what becomes an MJCF has them
         model = replace(model, given=given, driven=drives, guessed=guessed)
-        silent = undriven(model, everything, refused="torques" in request.refuse)
+        silent = undriven(model, everything, refused="torques" in request.refuse) + uncommanded(model, everything)
         notes: tuple[Note, ...] = (*loaded, *found, *silent, *check_base(model, everything))
         lines, proposed = _lines(model, training, request)
         declared = request.parameters is not None

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import of_place
+from trueup.formats.rules.families import Named
 from trueup.formats.rules.names import AXES, axes, words
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
@@ -31,11 +32,19 @@ EXAMPLES = (
             "position[rad] hip; acc[] x y z; gyro[deg/s] x y z"),
     # Gravity alone, as some log it, is no gyro.
     Example("t,q_hip,q_cmd_hip,gx,gy,gz", "0 .1 .2 0 0 9|.01 .2 .3 0 0 9|.02 .3 .4 0 1 9", "position[rad] hip; gx[] gx"),
+    # A joint that is called a motor, beside the one that it moves; elsewhere motors have angles of their own.
+    Example("t,cmd_knee,cmd_ankle_motor,pos_knee,pos_ankle,pos_ankle_motor", "0 1 2 1 3 2|.1 2 3 2 4 3|.2 1 2 1 3 2",
+            "command[rad] knee ankle_motor; position[rad] knee ankle; position_motor[] ankle_motor"),
+    Example("t,cmd_knee,cmd_ankle_motor,pos_knee,pos_ankle_motor", "0 1 2 1 2|.1 2 3 2 3|.2 1 2 1 2",
+            "command[rad] knee ankle_motor; position[rad] knee ankle_motor"),
     # Slides along x, y and z are joints.
     Example("t,pos_x,pos_y,pos_z,cmd_x,cmd_y,cmd_z,vel_x,vel_y,vel_z",
             "0 .1 .2 .1 .1 .2 .1 1 1 1|.01 .2 .3 .2 .2 .3 .2 1 1 2|.02 .3 .4 .3 .4 .4 .3 2 1 1",
             "command[rad] x y z; position[rad] x y z; velocity[rad/s] x y z"),
 )  # fmt: skip
+_MOTOR = "motor"
+_FAMILIES = (_MOTOR, *joints.VARIANTS)
+"""Signals of motors are kept apart from those of joints, and others that are no plain ones, where a file has both."""
 _OF_SENSORS = ("velocity", "acceleration", "torque")
 _PLACES = frozenset("xyz")
 
@@ -68,18 +77,39 @@ def own_words(column: Column) -> list[str]:
     return bare if bare and (AXES.issuperset(bare) or bare[-1] in _PLACES) else column.parts.words
 
 
-def without_other_signals(proposals: Sequence[Proposal]) -> list[Proposal]:
+def family_of(proposal: Proposal, proposals: Sequence[Proposal], named: Mapping[Column, Named]) -> str:
+    """Whose signals these are apart from those of joints; '' for a joint that is itself called a motor ("ankle_motor").
+
+    That is one of the model's, or one whose name without the word is no other column's of the role.
+    """
+    column = proposal.column
+    family = next((word for word in _FAMILIES if word in column.parts.words), "")
+    if family != _MOTOR or not proposal.role:
+        return family
+    if column in named:
+        return "" if _MOTOR in words(named[column].joint) else family
+    of = [word for word in words(proposal.label) if word not in joints.PARTS]
+    others = (p.label for p in proposals if p.role == proposal.role and _MOTOR not in p.column.parts.words)
+    counted = not of or all(word.isdigit() for word in of)
+    twin = any([word for word in words(label) if word not in joints.PARTS] == of for label in others)
+    return family if counted or twin else ""
+
+
+def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, Named]) -> list[Proposal]:
     """Columns without a word for their kind that are named as a joint with a position is, and more, are another signal of it.
 
-    "m1_pos_fb" beside "m1_xyz_fb": whatever xyz is, it is no joint called m1_xyz. Nor is "u_1" what "theta_ref_1" is.
+    "m1_pos_fb" beside "m1_xyz_fb": whatever xyz is, it is no joint called m1_xyz. Nor is "u_1" what "theta_ref_1" is. But
+    "cmd_ankle_motor" is one beside "pos_ankle" where there is "pos_ankle_motor", or the model has it.
     """
     roles = ("position", "command", "command_sent")
     implied = [p.role in roles and joints.read(p.column.parts).implied for p in proposals]
-    named = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in roles and not only}
+    told = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in roles and not only}
 
     def is_other(p: Proposal) -> bool:
-        more = any(p.label != x and x in p.label and {*words(x)} < {*words(p.label)} for _, x in named)
-        return more or (p.role, p.label) in named
+        if (p.role, p.label) in told:
+            return True
+        joint = p.column in named or any(x == p.label for _, x in told)
+        return not joint and any(x in p.label and {*words(x)} < {*words(p.label)} for _, x in told)
 
     return [own(p.column) if only and is_other(p) else p for p, only in zip(proposals, implied, strict=True)]
 

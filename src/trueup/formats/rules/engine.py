@@ -15,6 +15,7 @@ from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
 from trueup.formats.rules.coherence import (
     Proposal,
+    family_of,
     own,
     own_words,
     with_common_labels,
@@ -31,8 +32,6 @@ from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command
 
-_FAMILIES = ("motor", *joints.VARIANTS)
-"""Signals of motors are kept apart from those of joints, and others that are no plain ones, where a file has both."""
 _COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
 """Words of a column that counts messages."""
 _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
@@ -55,7 +54,7 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     used = {column for part in parts for column in part.columns}
     left = [c for c in columns if c not in used]
     proposals = _proposals(left, named, driven=bool(parts), several=len(tables) > 1)
-    groups = _groups(proposals, several=len(tables) > 1)
+    groups = _groups(proposals, named, several=len(tables) > 1)
     groups, renamed = with_common_labels(groups)
     channels = {name: _channel(group, clocks) for name, group in groups.items()}
     alike = {name: _alike(group) for name, group in groups.items()}
@@ -99,7 +98,7 @@ def _proposals(
     proposals = [_proposal(column, named.get(column), several) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
-    proposals = without_places(without_sensors(without_other_signals(proposals)))
+    proposals = without_places(without_sensors(without_other_signals(proposals, named)))
     return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
 
@@ -139,12 +138,13 @@ def _own_name(column: Column) -> str:
     return prefix + ("_".join(head or plain) or column.name)
 
 
-def _groups(proposals: Sequence[Proposal], *, several: bool) -> dict[str, list[Proposal]]:
+def _groups(
+    proposals: Sequence[Proposal], named: Mapping[Column, Named], *, several: bool
+) -> dict[str, list[Proposal]]:
     """Columns by channel. A second family for a role already taken gets a name of its own."""
     families: dict[tuple[str, str, str, str, bool], list[Proposal]] = {}
     for p in proposals:
-        column = p.column
-        family = next((word for word in _FAMILIES if word in column.parts.words), "")
+        column, family = p.column, family_of(p, proposals, named)
         key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1)
         families.setdefault(key, []).append(p)
     groups: dict[str, list[Proposal]] = {}

@@ -49,7 +49,7 @@ _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
 """Whose commanded force is a setting, and drives no joint."""
 VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim")
 """Words of a signal that stands beside a plainer one of the same joint."""
-_PARTS = listed("joint joints motor motors")
+PARTS = listed("joint joints motor motors")
 _NUMBERED_ID = re.compile(r"(?<![A-Za-z])id_?\d", re.IGNORECASE)
 _LOW = frozenset(["low"])
 _NOT_JOINT = listed(
@@ -108,7 +108,7 @@ def read(name: Name) -> Reading:
         kind=kind,
         command=any(commands),
         sent=any(word in SENT for word in plain),
-        measured=bool((MEASURED - _PARTS) & set(plain)),
+        measured=bool((MEASURED - PARTS) & set(plain)),
         unit=unit,
         label=name.cut_out(keep),
         implied=implied,
@@ -227,5 +227,5 @@ def _kept_words(name: Name, kinds: Sequence[str], commands: Sequence[bool], unit
         if word in dropped:
             following = plain[i + 1] if i + 1 < len(plain) else ""
             topic = following in _TOPICS or (following == "cmd" and (low or "lowcmd" in plain))
-            keep[i] = keep[i] and word in _PARTS and named and not topic
+            keep[i] = keep[i] and word in PARTS and named and not topic
     return keep

@@ -10,10 +10,11 @@ import mujoco
 
 from trueup.articulated.pose import in_angles
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.proposal import moving_joints
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.servos import add_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor
-from trueup.errors import ModelError, RecordingError, TrueupError, unknown_name
+from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
 from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
 from trueup.recording import Channel, Recording
@@ -101,6 +102,25 @@ def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = F
     hint = "; if 'torque' is what drove the robot, name it 'command_torque' in the mapping" if logged else ""
     some = ", unlike in the others" if len(silent) < len(recordings) else ""
     return [f"no command in {names}{some}: there servos hold the posture of the start and motors do nothing{hint}"]
+
+
+def uncommanded(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """A note on drives that nothing commands in recordings that command others, though their joints move there."""
+    found: dict[str, list[str]] = {}
+    for recording in recordings:
+        command = command_of(recording)
+        told = set(command.labels if command is not None else ())
+        for joint in moving_joints(model, [recording]) if told else ():
+            drive = model.drives().get(joint)
+            if drive and not {joint, drive} & told:
+                found.setdefault(drive, []).append(recording.name)
+    if not found:
+        return []
+    runs = listed(tuple(dict.fromkeys(name for names in found.values() for name in names)))
+    return [
+        f"nothing commands {listed(tuple(found))} in {runs}, though the joint moves there: its servo holds where it began, a "
+        "motor does nothing. If it was driven, give the columns that say so to [channels.command] in the mapping"
+    ]
 
 
 def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
