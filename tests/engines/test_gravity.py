@@ -111,6 +111,38 @@ def test_where_weight_hardly_matters_nothing_is_said_of_it(tmp_path: Path, seed:
     assert "gravity" not in [d.name for d in ready.diagnoses]
 
 
+HOPPER = """<mujoco><option timestep=".0005"/><worldbody><geom type="plane" size="1 1 1"/>
+<body name="carriage"><joint name="rail" type="slide" axis="0 0 1"{}/><geom size=".04" mass="{}" contype="0"/>
+<body name="upper"><joint name="hip" axis="0 1 0"{}/>
+<geom type="capsule" size=".015" fromto="0 0 0 0 0 -.16" mass=".25" contype="0" conaffinity="0"/>
+<body name="lower" pos="0 0 -.16"><joint name="knee" axis="0 1 0"{}/>
+<geom type="capsule" size=".01" fromto="0 0 0 0 0 -.15" mass=".1" contype="0" conaffinity="0"/>
+<geom size=".015" pos="0 0 -.16" mass=".03"/></body></body></body></worldbody>
+<actuator><motor name="m1" joint="hip"/><motor name="m2" joint="knee"/></actuator></mujoco>"""
+
+
+def test_a_leg_on_a_rail_is_carried_by_its_foot_and_keeps_its_weight(tmp_path: Path) -> None:
+    """Hopping in place: the floor carries it, and nothing at all in the air."""
+    rubs = ' armature=".008" damping=".02" frictionloss=".15"'
+    model = mujoco.MjModel.from_xml_string(HOPPER.format(' damping="2" frictionloss="1.5"', 1.3, rubs, rubs))
+    data, rows, rng, told = mujoco.MjData(model), [], np.random.default_rng(0), np.zeros(2)
+    data.qpos[:] = 0.26, 0.75, -1.5
+    for k in range(8000):
+        if k % 2 == 0:
+            bend = 0.75 + 0.28 * np.sign(np.sin(15.0 * data.time)) * min(1.0, data.time)
+            told = np.clip(60.0 * (np.array([bend, -2.0 * bend]) - data.qpos[1:]) - 0.6 * data.qvel[1:], -8.0, 8.0)
+        if k % 10 == 0:
+            rows.append([data.time, *(data.qpos + rng.normal(0.0, 3e-4, 3)), *told])
+        data.ctrl[:] = told
+        mujoco.mj_step(model, data)
+    time, seen, torque = np.split(np.array(rows), [1, 4], axis=1)
+    position = Channel("position", ("rail", "hip", "knee"), "", time[:, 0], seen, ("m", "rad", "rad"))
+    command = Channel("command_torque", ("hip", "knee"), "N m", time[:, 0], torque)
+    log = Recording("hops", {"position": position, "command_torque": command})
+    ready, _ = _ready(tmp_path, HOPPER.format("", 1, "", ""), log)
+    assert "gravity" not in [d.name for d in ready.diagnoses]
+
+
 def test_a_refused_compensation_leaves_the_weight(tmp_path: Path) -> None:
     _, simulator = _ready(tmp_path, PLAIN, _log(held=True), refuse=["gravity"])
     assert not simulator.model.compiled.ngravcomp

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from trueup.arrays import Array
@@ -27,8 +28,11 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     Many arms (Franka, Kinova, KUKA's LBR) hold their own weight and take commands on top of that. Both models get the
     drives that fit them best, as `motors.drives_seen` does; what is left counts over stretches of all joints, each by the
     torque that it was told, and must clearly be less (`trueup.evidence`): where weight hardly matters nothing is seen of
-    it. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing.
+    it. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing. Nor does a robot that hangs on
+    a joint that nothing drives (a leg on a rail, a boom): what it stands on carries it, of which no torque of a drive tells.
     """
+    if _carried(model):
+        return model
     told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("N m", "N")]
     parts = known_torques(model, told)
     weights = [_weight(model, part) for part in parts]
@@ -52,6 +56,20 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
         'are simulated without weight (gravcomp="1" in MJCF, in the calibrated file too)'
     )
     return model.changed(spec, "without the links' weight", note)
+
+
+def _carried(model: Model) -> bool:
+    """Whether drives hang on a joint that nothing drives, and no spring holds."""
+    m = model.compiled
+    driven = {model.index("joint", joint) for joint in model.actuator_of_joint()}
+    pulled = set(m.wrap_objid[m.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)].tolist())
+    loose = {int(m.jnt_bodyid[j]) for j in set(range(m.njnt)) - driven - pulled if not m.jnt_stiffness[j]}
+    bodies = {int(m.jnt_bodyid[j]) for j in driven}
+    while bodies - {0}:
+        bodies = {int(m.body_parentid[b]) for b in bodies}
+        if bodies & loose:
+            return True
+    return False
 
 
 def _weight(model: Model, part: KnownTorque) -> Array:

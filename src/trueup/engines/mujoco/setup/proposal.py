@@ -36,6 +36,7 @@ _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
+_SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
@@ -72,6 +73,7 @@ def propose(
         Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
         Declaration("armature", joints),
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
+        *_of_springs(model, joints),
     ]
     lines += _punches(model, servos)
     if servos and beyond_mjcf:
@@ -110,6 +112,15 @@ def _as(model: Model, line: Declaration, joint: str, drive: Drive | None) -> Dec
         return replace(line, of=(joint,))
     least = kind.bounds(kind.nominal(model, joint))[0]
     return replace(line, of=(joint,), nominal=max(getattr(drive, kind.name), least))
+
+
+def _of_springs(model: Model, joints: Sequence[str]) -> list[Declaration]:
+    """Those that the file has (legs with springs, elastic drives): what it says of their stiffness is an estimate too."""
+    stiffness = {j: float(model.compiled.jnt_stiffness[model.index("joint", j)]) for j in joints}
+    return [
+        Declaration("spring", (j,), lower=k / _SOFTER, upper=k * _SOFTER, scale="log")
+        for j, k in stiffness.items() if k > 0.0
+    ]  # fmt: skip
 
 
 def _of_stops(stops: Mapping[str, float]) -> list[Declaration]:
