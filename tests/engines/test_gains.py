@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -80,6 +81,18 @@ def test_logs_of_which_one_names_no_gain_are_taken_as_one_servo(model: Path) -> 
     assert isinstance(simulator, MujocoSimulator)
     assert simulator.gains.factor("kp", "soft", "arm") == 1.0
     assert any("only some recordings name the gain" in note and "'kp'" in note and "stiff" in note for note in notes)
+
+
+def test_gains_in_si_units_tell_what_the_masses_are_wrong_by(model: Path) -> None:
+    heavy = _log(400.0, "sine", "told").replace(provenance={"kp": f"{400.0 * _PER_UNIT / 0.75:g}"})
+    counts = _log(400.0, "sine", "counted")
+    ready, found = _fitted(model, [heavy], [])  # the file has three quarters of the weight, by its log's 1.12 N m/rad
+    (note,) = [n for n in ready.family.advice(ready.simulator, found) if "in proportion to the masses" in n]
+    (times,) = re.findall(r"kp that the log names are ([\d.]+) times those found: if they are in N m/rad", note)
+    assert float(times) == pytest.approx(4.0 / 3.0, rel=0.02)
+    other = prepare(model, [counts])
+    (note,) = [n for n in other.family.advice(other.simulator, found) if "in proportion to the masses" in n]
+    assert "times those found" not in note
 
 
 def _with_settings(log: Recording, kp: Sequence[float] | Array, kd: Sequence[float], name: str = "") -> Recording:

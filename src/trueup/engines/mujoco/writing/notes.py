@@ -18,6 +18,10 @@ from trueup.noise import spread
 
 DELAY = "actuator.delay"
 _UNEXPLAINED = 5.0  # noise units
+_ALIKE, _OTHER_UNIT = 0.05, 2.0
+"""Share by which gains that were found may differ from a log's and be the same; times, from which on these are counts of a
+servo's firmware rather than N m/rad: files are seldom wrong by as much in what a robot weighs.
+"""
 _RELATIVE = ("kp", "kv", "damping", "friction", "armature")
 """Quantities that grow with the masses where nothing tells forces."""
 
@@ -169,10 +173,30 @@ def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[
     masses = any(q.quantity.family == "body" for q in simulator.quantities)
     if not servos or not kinds or masses or seen & {*forces, "N m"}:
         return ()
-    return (
+    note = (
         f"{', '.join(kinds)} are in proportion to the masses in the file: no torque or force was compared, and with all "
         "masses twice as large they would be too and replay as well. Weigh what you doubt, or have it searched: "
-        '--parameters FILE with quantity = "mass" (and "com_x" ...) of the body',
+        '--parameters FILE with quantity = "mass" (and "com_x" ...) of the body; measured torques in N m are compared by '
+        "--channels position,torque"
+    )
+    return (note + _by_the_gains(simulator, calibration.values),)
+
+
+def _by_the_gains(simulator: MujocoSimulator, values: Array) -> str:
+    """What gains that the log names say of the masses, if they are in N m/rad and can be; "" for nothing."""
+    named, joints = simulator.gains.given_for, {a: j for j, a in simulator.model.drives().items()}
+    ratios = []
+    for assignment, value in zip(simulator.quantities, values, strict=True):
+        for drive in assignment.targets if assignment.kind == "kp" and value > 0.0 else ():
+            told = named.get(f"kp.{joints.get(drive, drive)}", named.get("kp", 0.0))
+            ratios += [told / float(value)] if told > 0.0 else []
+    low, high = (min(ratios), max(ratios)) if ratios else (1.0, 1.0)
+    if not (1.0 + _ALIKE < low <= high < _OTHER_UNIT or 1.0 / _OTHER_UNIT < low <= high < 1.0 - _ALIKE):
+        return ""
+    times = f"{low:.3g}" if f"{low:.3g}" == f"{high:.3g}" else f"{low:.3g} to {high:.3g}"
+    return (
+        f". The gains kp that the log names are {times} times those found: if they are in N m/rad, all of these are to be "
+        "multiplied by that, and so are the masses of what the drives move"
     )
 
 
