@@ -69,6 +69,13 @@ def test_a_joint_of_the_model_that_is_called_a_motor_is_a_joint(tmp_path: Path) 
     assert channels["position"].labels == ("knee", "ankle", "ankle_motor")
 
 
+def test_a_joint_of_the_model_that_is_called_act_is_no_actual_value(tmp_path: Path) -> None:
+    columns = ["L_act_cmd_mm", "R_act_cmd_mm", "L_act_pos_mm", "R_act_pos_mm"]
+    channels = guess(tmp_path, columns, ("L_act", "R_act", "ankle")).channels
+    assert channels["command"].labels == channels["position"].labels == ("L_act", "R_act")
+    assert guess(tmp_path, columns).channels["position"].labels == ("L", "R")
+
+
 def test_the_joints_of_a_model_are_read_from_its_text(tmp_path: Path) -> None:
     (tmp_path / "part.xml").write_text('<mujocoinclude><joint name="elbow"/></mujocoinclude>')
     (tmp_path / "arm.xml").write_text(

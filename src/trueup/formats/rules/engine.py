@@ -45,7 +45,7 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     Raises MappingError, saying what was found, where no column but time holds numbers.
     """
     clocks = find_clocks(tables)
-    columns = _columns(tables, clocks)
+    columns = _columns(tables, clocks, known or ())
     if not columns:
         found = "; ".join(f"{t.name}: {listing(t.columns)}" for t in tables)
         raise MappingError(f"no column but time holds numbers, so there is no channel; found {found}")
@@ -70,9 +70,9 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
 
-def _columns(tables: Sequence[Table], clocks: Clocks) -> list[Column]:
+def _columns(tables: Sequence[Table], clocks: Clocks, known: Sequence[str]) -> list[Column]:
     """The columns with numbers, without clocks and without those that only number the rows."""
-    read_as = with_actual([name for table in tables for name in table.columns])
+    read_as = with_actual([name for table in tables for name in table.columns], known)
     return [
         Column(table, name, read_as[name], clocks.clock_of(table, name), table.name if len(tables) > 1 else "")
         for table in tables

@@ -159,16 +159,18 @@ def words(name: str) -> list[str]:
     return [match[0].lower() for match in _WORD.finditer(name)]
 
 
-def with_actual(names: Sequence[str]) -> dict[str, str]:
+def with_actual(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, str]:
     """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, with a unit, and
     behind a torque or current where no other is there ("trq_act"): should it be one after all, it drives what it drove.
+    In the name of one of the `joints` of a model it is a part of that ("L_act").
     """
     read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
     for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
         read = _in_pairs(read, words_of_pair, meant)
     read = _inertial(read)
-    acted = _acted(list(read.values()))
-    return {name: acted[as_read] for name, as_read in read.items()}
+    own = [f" {' '.join(words(joint))} " for joint in joints]
+    acted = _acted([name for name in read.values() if not any(joint in f" {' '.join(words(name))} " for joint in own)])
+    return {name: acted.get(as_read, as_read) for name, as_read in read.items()}
 
 
 def _inertial(read: dict[str, str]) -> dict[str, str]:
