@@ -145,6 +145,18 @@ def test_gains_are_facts_in_a_list_or_by_joint_too() -> None:
     assert setting(two.replace(provenance={"servo.kp": "400"}), "kp") == {"": 400.0}
 
 
+def test_a_battery_that_goes_down_within_a_log_is_named(model: Path) -> None:
+    log = _log(400.0, "sine", "long")
+    rng, left = np.random.default_rng(0), np.linspace(1.0, 0.82, len(log.time))
+    volts = 12.4 * left + rng.normal(0.0, 0.05, len(left))
+    volts[::40] -= 2.0  # what a start of all drives takes for a moment
+    battery = Channel("voltage", ("battery",), "V", log.time, volts[:, None])
+    sags = log.with_channel(battery)
+    assert any("voltage changes within recordings ('long' 12.3 to 10.3)" in n for n in prepare(model, [sags]).notes)
+    steady = log.with_channel(battery.replace(values=(volts / left)[:, None]))
+    assert not any("voltage" in note for note in prepare(model, [steady]).notes)
+
+
 def test_logs_at_other_supply_voltages_are_said_to_be(model: Path) -> None:
     log = _log(100.0, "sine", "weak").replace(provenance={"vin": "7.4"})
     volts = Channel("voltage", ("voltage",), "V", log.time, np.full((len(log.time), 1), 12.1))

@@ -22,6 +22,7 @@ _VOLTAGES = ("voltage", "vin", "supply_voltage", "battery_voltage", "input_volta
 """Under which a log names what feeds its drives, as a channel or a fact."""
 _ONE_BATTERY = 1.15
 """Voltage of a lithium cell, full, over that of the same one half empty (4.2 V, 3.65 V)."""
+_STRETCHES = 10  # of a recording, whose medians show how a battery goes down, and no dips of a moment
 _MOST = 0.5  # of a recording: shorter stretches of the same gains are no recording with a few of its ends cut off
 
 
@@ -64,27 +65,41 @@ def with_steady_gains(recordings: Sequence[Recording]) -> tuple[list[Recording],
 
 
 def at_other_voltages(recordings: Sequence[Recording]) -> list[str]:
-    """A sentence where recordings name supplies whose voltages differ by more than those of one battery under load."""
-    named = {r.name: volts for r in recordings if (volts := _voltage(r)) > 0.0}
-    low, high = (f(named, key=lambda name: named[name], default="") for f in (min, max))
-    if not named or named[high] < _ONE_BATTERY * named[low]:
+    """A sentence where supplies have voltages that differ by more than those of one battery under load, from recording to
+    recording or within one.
+    """
+    named = {r.name: volts for r in recordings if (volts := _voltages(r))}
+    goes = (
+        "stiffness of servos that drive their motor by duty goes with it, and the greatest speed of any, which nothing here "
+        "follows"
+    )
+    sags = [f"'{n}' {v[0]:.3g} to {v[-1]:.3g}" for n, v in named.items() if max(v) >= _ONE_BATTERY * min(v)]
+    if sags:
+        return [
+            f"the supply's voltage changes within recordings ({_few(sags)}): {goes}. What is found is of the mean of them"
+        ]
+    low, high = (f(named, key=lambda name: float(np.median(named[name])), default="") for f in (min, max))
+    least, most = (float(np.median(named.get(name, (0.0,)))) for name in (low, high))
+    if most < _ONE_BATTERY * least or not named:
         return []
     return [
-        f"recordings were made at other supply voltages, {named[low]:.3g} ('{low}') to {named[high]:.3g} ('{high}'): "
-        "stiffness of servos that drive their motor by duty goes with it, and the greatest speed of any, which nothing here "
-        "follows. Calibrate those of each voltage by themselves"
+        f"recordings were made at other supply voltages, {least:.3g} ('{low}') to {most:.3g} ('{high}'): {goes}. Calibrate "
+        "those of each voltage by themselves"
     ]
 
 
-def _voltage(recording: Recording) -> float:
-    """The median of the supply's voltage in whatever unit; 0 where a recording names none."""
+def _voltages(recording: Recording) -> tuple[float, ...]:
+    """The supply's voltage in whatever unit: medians of stretches one after the other; () where a recording names none."""
     for name in _VOLTAGES:
         if recording.has(name):
-            known = recording.channel(name).values[np.isfinite(recording.channel(name).values)]
-            return float(np.median(known)) if len(known) else 0.0
+            values = recording.channel(name).values
+            stretches = [part[np.isfinite(part)] for part in np.array_split(values, min(_STRETCHES, len(values)))]
+            found = tuple(float(np.median(part)) for part in stretches if len(part))
+            return found if found and min(found) > 0.0 else ()
     facts = {key.lower().rsplit(".", 1)[-1]: text for key, text in recording.provenance.items()}
-    found = [_numbers(facts[name], ALL, recording).get(ALL, 0.0) for name in _VOLTAGES if name in facts]
-    return next(iter(found), 0.0)
+    said = (_numbers(facts[name], ALL, recording).get(ALL, 0.0) for name in _VOLTAGES if name in facts)
+    volts = next(said, 0.0)
+    return (volts,) if volts > 0.0 else ()
 
 
 def _few(sentences: Sequence[str]) -> str:
