@@ -60,6 +60,15 @@ def test_a_joint_that_nobody_saw_and_nothing_drives_is_held(tmp_path: Path, keys
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml")).joint("finger").id == 1
 
 
+def test_a_rail_that_nobody_saw_is_named_as_what_the_drives_hang_on(tmp_path: Path) -> None:
+    text = _text().replace('<body><joint name="arm"', '<body><joint name="rail" type="slide"/><geom size=".1"/>'
+                           '<body><joint name="arm"').replace("</worldbody>", "</body></worldbody>")  # fmt: skip
+    _, notes = _simulator(tmp_path, text)
+    assert any("held as the model has them: rail, finger. What the drives move hangs on rail" in note for note in notes)
+    _, notes = _simulator(tmp_path, _text())
+    assert not any("hangs on" in note for note in notes)
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
+from trueup.engines.mujoco.setup.still import carriers
 from trueup.evidence import evidence
 from trueup.recording import Recording
 from trueup.trial import command_of
@@ -31,7 +31,7 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     it. Torque of an unknown scale leaves most of the motion unexplained, and changes nothing. Nor does a robot that hangs on
     a joint that nothing drives (a leg on a rail, a boom): what it stands on carries it, of which no torque of a drive tells.
     """
-    if _carried(model):
+    if carriers(model):
         return model
     told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("N m", "N")]
     parts = known_torques(model, told)
@@ -56,20 +56,6 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
         'are simulated without weight (gravcomp="1" in MJCF, in the calibrated file too)'
     )
     return model.changed(spec, "without the links' weight", note)
-
-
-def _carried(model: Model) -> bool:
-    """Whether drives hang on a joint that nothing drives, and no spring holds."""
-    m = model.compiled
-    driven = {model.index("joint", joint) for joint in model.actuator_of_joint()}
-    pulled = set(m.wrap_objid[m.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)].tolist())
-    loose = {int(m.jnt_bodyid[j]) for j in set(range(m.njnt)) - driven - pulled if not m.jnt_stiffness[j]}
-    bodies = {int(m.jnt_bodyid[j]) for j in driven}
-    while bodies - {0}:
-        bodies = {int(m.body_parentid[b]) for b in bodies}
-        if bodies & loose:
-            return True
-    return False
 
 
 def _weight(model: Model, part: KnownTorque) -> Array:

@@ -33,10 +33,26 @@ def with_still_joints(model: Model, recordings: Sequence[Recording]) -> Model:
     )  # fmt: skip
     if not still:
         return model
-    note = (
-        f"neither measured nor driven, and so held as the model has them: {listed(still)}"
-    )  # fmt: skip
+    note = f"neither measured nor driven, and so held as the model has them: {listed(still)}"
+    loose = carriers(model)
+    if carried := [joint for joint in still if joint_id(compiled, joint) in loose]:
+        note += (
+            f". What the drives move hangs on {listed(carried)}, as on a stand: if it was free (a rail, a boom), name the "
+            "column that says where it was in [channels.position] of the mapping"
+        )
     return replace(model, notes=(*model.notes, note), still=still)
+
+
+def carriers(model: Model) -> set[int]:
+    """Joints that nothing drives, and no spring holds, on which driven ones hang: free bases, rails, booms."""
+    m = model.compiled
+    driven = {model.index("joint", joint) for joint in model.actuator_of_joint()}
+    pulled = set(m.wrap_objid[m.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)].tolist())
+    loose = {j for j in set(range(m.njnt)) - driven - pulled if not m.jnt_stiffness[j]}
+    bodies, above = {int(m.jnt_bodyid[j]) for j in driven}, set[int]()
+    while bodies := {int(m.body_parentid[b]) for b in bodies} - {0}:
+        above |= bodies
+    return {j for j in loose if int(m.jnt_bodyid[j]) in above}
 
 
 def _as_drawn(compiled: mujoco.MjModel, joint: str) -> bool:
