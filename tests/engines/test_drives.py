@@ -259,3 +259,18 @@ def test_steps_show_the_force_limit_of_a_servo_whose_file_gives_none(tmp_path: P
     force, stiffness = _found(_model(tmp_path, _SERVO), steps, ("force_limit", "kp"))
     assert force == pytest.approx(4.0, rel=0.1)
     assert stiffness == pytest.approx(35.0, rel=0.05)
+
+
+def test_a_log_that_numbers_its_motors_counts_them_as_the_actuators_stand(tmp_path: Path) -> None:
+    """Files of quadrupeds have the left leg's body first, and the right one's motors, as the robot counts."""
+    leg = "<body pos='0 {} 0'><joint name='{}_hip' axis='1 0 0'/><geom size='.05' pos='0 {} -.2'/></body>"
+    motors = "".join(f"<motor name='{side}' joint='{side}_hip'/>" for side in ("right", "left"))
+    text = f"<mujoco><worldbody>{leg.format(0.1, 'left', 0.1)}{leg.format(-0.1, 'right', -0.1)}</worldbody>"
+    (tmp_path / "dog.xml").write_text(f"{text}<actuator>{motors}</actuator></mujoco>")
+    time = np.arange(0.0, 2.0, 0.01)
+    values = np.stack([np.sin(3.0 * time), np.cos(2.0 * time)], axis=1)
+    channels = [Channel(n, ("joint_0", "joint_1"), "rad", time, values) for n in ("command", "position")]
+    ready = prepare(tmp_path / "dog.xml", [Recording("log", {c.name: c for c in channels})])
+    (log,) = ready.recordings
+    np.testing.assert_array_equal(log.channel("position").column("right_hip"), values[:, 0])
+    assert any("joint_0 -> right_hip, joint_1 -> left_hip" in note for note in ready.notes)

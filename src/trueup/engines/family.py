@@ -90,7 +90,7 @@ class Family:
         raise ModelError(f"{path}: this family has no model files")
 
     def drives(self, model: Any) -> Mapping[str, str]:
-        """A model's joints, each to the name of what drives it, '' where nothing does."""
+        """A model's joints, each to the name of what drives it, '' where nothing does; in the order in which a log counts."""
         return {}
 
     def others(self, model: Any) -> tuple[str, ...]:

@@ -85,7 +85,7 @@ class Articulated(Family):
 
     def drives(self, model: Model) -> Mapping[str, str]:
         """See Family."""
-        return model.drives()
+        return model.counted()
 
     def others(self, model: Model) -> tuple[str, ...]:
         """See Family."""
@@ -97,7 +97,7 @@ class Articulated(Family):
 
     def in_units(self, model: Model, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """See Family: metres where a joint slides."""
-        named, _ = named_as(with_joints_told(model, recordings)[0], model.drives(), self.others(model))
+        named, _ = named_as(with_joints_told(model, recordings)[0], model.counted(), self.others(model))
         named, _ = by_the_only_joint(named, model.scalar_joints())
         return of_slides(model, with_units(model, named)[0])[0]
 
@@ -121,7 +121,7 @@ class Articulated(Family):
         refuse: Collection[str] = (),
     ) -> Suited:
         """See Family: joints by the model's names, commands that its drives take."""
-        drives = model.drives()
+        drives = model.counted()
         others = self.others(model)
         sound, spikes = _edited([*training, *held_out], "spikes", refuse, without_lone_spikes)
         sound, told = _edited(sound, "tendons", refuse, lambda rs: with_joints_told(model, rs))

@@ -111,6 +111,13 @@ class Model:
         driven, names = self.actuator_of_joint(), self.names("actuator")
         return {joint: names[driven[joint]] if joint in driven else "" for joint in self.scalar_joints()}
 
+    def counted(self) -> dict[str, str]:
+        """What `drives` has in the order in which a log that only numbers its motors counts them: of the actuators, where
+        each joint has one. Bodies often stand in another (legs left first, in a file of a robot that counts right first).
+        """
+        drives = self.drives()
+        return {j: drives[j] for j in self.actuator_of_joint() if j in drives} if all(drives.values()) else drives
+
     def sensors(self) -> dict[str, str]:
         """Sensors of three numbers, each to the unit of what accelerometers and gyros measure, '' of all others."""
         m, names = self.compiled, self.names("sensor")
