@@ -214,6 +214,6 @@ def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[st
         return ()
     return (
         f"the replay error stays at {times:.0f} times the noise. Is each joint the one that it is named (left and right, the "
-        "order of numbers)? Small geared servos may have friction that grows with their load, too: --beyond-mjcf tries that "
+        "order of numbers)? Small geared servos may have friction that grows with their load: --beyond-mjcf tries that too "
         "(in twice the time), and `trueup replay --parameters` replays it",
     )
