@@ -95,3 +95,19 @@ def test_a_tracker_that_loses_the_robot_and_finds_it_again_has_one_frame() -> No
     assert np.isnan(places[200:230]).all()
     assert np.nanmax(np.abs(places - way[:, :2])) < 0.03
     assert "jumps " not in _warnings(found)
+
+
+def test_a_place_that_is_repeated_until_the_robot_is_far_away_is_no_place_where_it_stood() -> None:
+    """A logger that writes the last fix on through an outage; where a robot stands it goes on from there."""
+    speed = np.where((TIME > 20.0) & (TIME < 24.0), 0.0, 2.0)
+    way = _way(speed)
+    drive = _drive(way, speed).without("speed").without("heading")
+    points = np.array(drive.channel("position").values)
+    stands, lost = (TIME > 20.0) & (TIME < 24.0), (TIME > 8.0) & (TIME < 16.0)
+    points[stands] = points[np.argmax(stands)]
+    points[lost] = points[np.argmax(lost)]
+    found = cleaned(drive.with_channel(drive.channel("position").replace(values=points))).channel("position").values
+    known = np.isfinite(found[:, 0])
+    assert not known[lost][1:].any()
+    assert known[stands].all()
+    assert known[~lost].mean() > 0.9

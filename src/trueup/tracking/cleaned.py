@@ -118,6 +118,8 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
         return good, []
     time, points = position.time[rows], position.values[rows]
     noise, fastest = _usual_motion(time, points)
+    gone_on = _gone_on(time, points, noise, fastest)
+    rows, time, points = rows[gone_on], time[gone_on], points[gone_on]
     pieces = _pieces(time, points, angle[rows], noise, fastest)
     believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else []
     if sum(b - a for a, b in believed) < _CONTRADICTED * len(rows):  # no wheel speed, or not in m/s
@@ -154,6 +156,18 @@ def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
     fastest = 3.0 + 4.0 * float(np.median(usual))
     often = _often(time, points)  # also where the car stands most of the time
     return noise, max(min(fastest, _FASTEST), 2.0 * often) if np.isfinite(often) else fastest
+
+
+def _gone_on(time: Array, points: Array, noise: float, fastest: float) -> Mask:
+    """(T,) without what repeats a place to the last digit until the next one is far away: no fix came, nothing stood."""
+    same = np.concatenate([[False], np.all(points[1:] == points[:-1], axis=1)])
+    begun = np.flatnonzero(~same)
+    stops = np.append(begun[1:], len(points))
+    lost = np.zeros(len(points), dtype=bool)
+    far = np.flatnonzero(np.append(_jumps(time, points, np.zeros(len(time)), noise, fastest, usual_step(time)), False))
+    for k in np.searchsorted(stops, far, side="right").tolist():
+        lost[begun[k] + 1 : stops[k]] = True
+    return ~lost
 
 
 def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: float) -> list[tuple[int, int]]:
