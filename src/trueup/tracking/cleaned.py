@@ -22,6 +22,7 @@ from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
+_HARDEST, _LATE, _FEW = 10.0, 0.05, 10  # m/s^2 of tyres on a dry road; s; samples that tell what is usual
 _CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 
@@ -128,7 +129,10 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
         good[rows[start:stop]] = True
     ends = [(stop - 1, start) for (_, stop), (start, _) in pairwise(believed)]
     usual = usual_step(time)
-    apart = [e for e in ends if _jumps(time[[*e]], points[[*e]], angle[rows[[*e]]], noise, fastest, usual)[0]]
+    ways = [
+        (time[[*e]], points[[*e]], angle[rows[[*e]]]) for e in ends
+    ]  # what follows at once jumped: that parts pieces
+    apart = [e for e, w in zip(ends, ways, strict=True) if e[0] + 1 == e[1] or _jumps(*w, noise, fastest, usual)[0]]
     return good, [(int(rows[last]), int(rows[first])) for last, first in apart]
 
 
@@ -182,9 +186,27 @@ def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: flo
 def _jumps(time: Array, points: Array, angle: Array, noise: float, fastest: float, usual: float) -> Mask:
     """(T - 1,) from which pose to the next nothing drives or turns; `usual` is the step in s from one to the next."""
     gaps = np.diff(time)
-    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    way = np.where(_out_of_line(time, points), np.inf, np.linalg.norm(np.diff(points, axis=0), axis=1))
     turn = np.abs(wrapped(np.diff(angle)))
     return (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
+
+
+def _out_of_line(time: Array, points: Array) -> Mask:
+    """(T - 1,) which steps lead on neither from the one before nor to the one behind: farther off than noise, an instant that
+    was written late, and the hardest braking and turning make. What jumps between slow fixes goes no faster than it drives.
+    """
+    out = np.zeros(max(len(time) - 1, 0), dtype=bool)
+    if len(out) < _FEW:
+        return out
+    gaps, steps = np.diff(time), np.diff(points, axis=0)
+    speeds, gap = steps / gaps[:, None], gaps[1:-1]
+    off, going = np.inf, 0.0
+    for beside in (speeds[:-2], speeds[2:]):
+        off = np.minimum(off, np.linalg.norm(steps[1:-1] - beside * gap[:, None], axis=1))
+        going = np.maximum(going, np.linalg.norm(beside, axis=1))
+    usual = max(_NOISE, 4.0 * float(np.median(off)))
+    out[1:-1] = off > usual + np.minimum(2.0 * gap, _LATE) * going + _HARDEST * gap**2
+    return out
 
 
 def _agreeing(
