@@ -49,13 +49,8 @@ def commanded(
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
             "says so; if this was measured, name in [channels.command] what was commanded",
         )  # fmt: skip
-    aside = next((s for s in told["sideways"] if np.any(s.column.known != 0.0)), None)
-    if aside:
-        name = aside.column.name
-        said = (
-            *said,
-            f"{name}: a speed sideways, as of mecanum or omni wheels, is not simulated; take drives without it",
-        )
+    aside, warned = _sideways(told["sideways"])
+    said = (*said, *warned)
     unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
     if unused and speed:  # Ackermann messages seldom use their acceleration
         throttle = None
@@ -67,6 +62,13 @@ def commanded(
     if not (speed and turn and (place or measured(paired))):
         return {}, ()
     return {"speed": speed, "turn": turn, **({"sideways": aside} if aside else {})}, said
+
+
+def _sideways(told: Sequence[Signal]) -> tuple[Signal | None, tuple[str, ...]]:
+    """A commanded speed to the side that is not zero throughout, and what to say of it."""
+    aside = next((s for s in told if np.any(s.column.known != 0.0)), None)
+    warned = "a speed sideways, as of mecanum or omni wheels, is not simulated; take drives without it"
+    return aside, () if aside is None else (f"{aside.column.name}: {warned}",)
 
 
 def _steering(kinds: Mapping[str, list[Signal]], told: Mapping[str, list[Signal]], *, alone: bool) -> Signal | None:
