@@ -18,6 +18,7 @@ from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
 from trueup.tracking.joined import end_to_end, joined, sudden, told
 from trueup.tracking.place import fresh, place_of, tells_place
+from trueup.tracking.reversing import as_heading, driven_back
 from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
@@ -52,10 +53,12 @@ def cleaned(
         notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
     if heading is None:
         notes += told(position, jumps)
-        heading = turned_with(position, recording.channel("yaw_rate"), good) if recording.has("yaw_rate") else None
+        back = driven_back(recording, position)
+        gyro = recording.channel("yaw_rate") if recording.has("yaw_rate") else None
+        heading = None if gyro is None else turned_with(position, gyro, good, back)
         source = "the direction of motion stands" if heading is None else "turn rate and direction of motion stand"
         notes.append(f"no heading was recorded: {source} for it")
-        heading = heading or course(position, good)
+        heading = heading or course(position, good, back)
         good &= np.isfinite(heading.values[:, 0])
     else:
         heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
@@ -97,6 +100,9 @@ def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[
         len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > PRINTED
     ):
         heading = heading.replace(time=position.time, values=_turned(heading, position.time))
+    if heading is not None:
+        heading, more = as_heading(heading, position, driven_back(recording, position))
+        notes = [*notes, *more]
     good, jumps = _of_the_car(recording, position, heading)
     believed = position.replace(values=np.where(good[:, None], position.values, np.nan))
     return end_to_end(believed, jumps), heading, good, jumps, notes
