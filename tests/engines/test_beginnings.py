@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -171,3 +172,12 @@ def test_a_fix_in_a_second_is_enough_to_be_predicted_from() -> None:
         (done,) = VehicleSimulator(vehicle).rollout([trial], np.zeros((1, 0)))
         assert not done.failures
         assert np.isfinite(done.channels["position"]).all()
+
+
+def test_a_piece_of_a_drive_may_be_shorter_than_what_a_slow_receiver_is_seen_over() -> None:
+    recording, _ = log(20.0)
+    slow = [recording.channel(n) for n in ("position", "heading")]
+    seen = {c.name: c.replace(time=c.time[::50], values=c.values[::50]) for c in slow}
+    trial = Trial.of(recording.replace(channels={**recording.channels, **seen}), ["position", "heading"])
+    drive = Past.of(replace(trial, duration=0.1), 0.01, ("throttle", "steering"))
+    assert drive.doubt == pytest.approx([0.0, 0.0, 0.0])
