@@ -79,8 +79,30 @@ def test_files_of_many_spellings_are_read(tmp_path: FilePath) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "# s_m; x_m; y_m; psi_rad; kappa_radpm; vx_mps\n0; 0; 0; 0; 0; 0.3\n1; 1; 0; 0; 0; 0.3\n3; 1; 2; 1.57; 0; 0.6\n",
+        "X [m];Y [m];Speed [km/h]\n0;0;1.08\n1;0;1.08\n1;2;2.16\n",
+        "index,y_mm,x_mm,target_speed\n0,0,0,0.3\n1,0,1000,0.3\n2,2000,1000,0.6\n",
+        "easting,northing,v\n691607,5334760,0.3\n691608,5334760,0.3\n691608,5334762,0.6\n",
+        "x y speed_mps\n0 0 0.3\n1 0 0.3\n1 2 0.6\n",
+    ],
+)
+def test_columns_of_a_path_are_named_as_those_of_logs(text: str, tmp_path: FilePath) -> None:
+    """A racing line's header is a comment; of these the speed was left out, or the way taken for x, without a word."""
+    (tmp_path / "line.csv").write_text(text)
+    path = read_path(tmp_path / "line.csv")
+    assert path.length == pytest.approx(3.0)
+    assert path.speed[[0, -1]] == pytest.approx([0.3, 0.6])
+    assert path.heading[[0, -1]] == pytest.approx([0.0, 0.5 * np.pi])
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("0,0,0.3\n1,0,0.3\n", "line 1: 3 columns without names; say .* x,y,speed"),
+        ("lat,lon\n48.1,11.5\n48.1,11.6\n", "line 1: latitude and longitude; a path is in m"),
+        ("x,y,speed_limit\n0,0,1\n1,0,1\n", "line 1: is 'speed_limit' the speed to drive at"),
         ("x,z\n0,0\n", "line 1: no column 'y'"),
         ("x,y\n0,0\n1,one\n", "line 3, column 2: 'one' is not a number"),
         ("x,y\n0,0\n1\n", "line 3, column 2: 'nothing'"),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,3 +157,27 @@ def test_turn_rates_are_told_better_where_the_noise_of_starts_is_taken_out() -> 
         jacobian = np.stack(columns, axis=1)
         off.append(np.linalg.lstsq(jacobian, -problem.residuals(space.nominal[None])[0], rcond=None)[0])
     assert np.linalg.norm(off[1]) < 0.5 * np.linalg.norm(off[0])
+
+
+def test_a_fix_in_a_second_is_enough_to_be_predicted_from() -> None:
+    """Its speed is seen over longer than the past lasts over which it is compared with the model's."""
+    recording, _ = log(20.0)
+    lasting = {"push_lasts": 0.5, "trim_lasts": 0.5, "speed_kept": 0.0}
+    for rate in (1.0, 2.0):
+        every = round(50.0 / rate)
+        slow = [recording.channel(n) for n in ("position", "heading")]
+        seen = {c.name: c.replace(time=c.time[::every], values=c.values[::every]) for c in slow}
+        trial = Trial.of(recording.replace(channels={**recording.channels, **seen}), ["position", "heading"])
+        vehicle = Vehicle("robot", 0.4, drive=TURNED, values={**ROBOT, **EXACT, **lasting})
+        (done,) = VehicleSimulator(vehicle).rollout([trial], np.zeros((1, 0)))
+        assert not done.failures
+        assert np.isfinite(done.channels["position"]).all()
+
+
+def test_a_piece_of_a_drive_may_be_shorter_than_what_a_slow_receiver_is_seen_over() -> None:
+    recording, _ = log(20.0)
+    slow = [recording.channel(n) for n in ("position", "heading")]
+    seen = {c.name: c.replace(time=c.time[::50], values=c.values[::50]) for c in slow}
+    trial = Trial.of(recording.replace(channels={**recording.channels, **seen}), ["position", "heading"])
+    drive = Past.of(replace(trial, duration=0.1), 0.01, ("throttle", "steering"))
+    assert drive.doubt == pytest.approx([0.0, 0.0, 0.0])

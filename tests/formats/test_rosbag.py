@@ -132,6 +132,58 @@ def test_constants_of_a_messages_type_are_no_channels(tmp_path: Path, small_file
     assert "sbas" not in names
 
 
+def _transform(
+    small_files: Any, t: float, link: str, at: tuple[float, float], yaw: float
+) -> tuple[str, str, float, Any]:
+    """A message of one transform, "parent child", received when it was stamped."""
+    make, (parent, child) = small_files.message, link.split()
+    move = make("geometry_msgs/msg/Vector3", x=at[0], y=at[1], z=0.0)
+    turn = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=np.sin(yaw / 2.0), w=np.cos(yaw / 2.0))
+    whole = make("geometry_msgs/msg/Transform", translation=move, rotation=turn)
+    head = make("std_msgs/msg/Header", stamp=small_files.header(t).stamp, frame_id=parent)
+    one = make("geometry_msgs/msg/TransformStamped", header=head, child_frame_id=child, transform=whole)
+    return ("/tf", "tf2_msgs/msg/TFMessage", t, make("tf2_msgs/msg/TFMessage", transforms=[one]))
+
+
+def _twist(small_files: Any, t: float) -> tuple[str, str, float, Any]:
+    vector = lambda **v: small_files.message("geometry_msgs/msg/Vector3", **{"x": 0.0, "y": 0.0, "z": 0.0, **v})  # noqa: E731
+    twist = small_files.message(
+        "geometry_msgs/msg/Twist", linear=vector(x=0.5 + np.sin(t)), angular=vector(z=np.cos(t))
+    )
+    return ("/cmd_vel", "geometry_msgs/msg/Twist", t, twist)
+
+
+def test_of_all_frames_on_one_topic_the_base_in_the_outermost_is_where_the_robot_is(
+    tmp_path: Path, small_files: Any
+) -> None:
+    """A localisation, odometry and a wheel share /tf: one after the other they are no way of anything."""
+    messages, yaw = [], 0.3
+    for t in TIME + 100.0:
+        messages += [
+            _twist(small_files, t),
+            _transform(small_files, t, "map odom", (2.0, 1.0), yaw),
+            _transform(small_files, t, "odom base_link", (t - 100.0, 0.0), 0.1),
+            _transform(small_files, t, "base_link left_wheel", (0.0, 0.2), 7.0 * t),
+        ]
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    position, turn = recording.channel("position"), recording.channel("orientation")
+    wanted = np.array([2.0, 1.0]) + TIME[:, None] * [np.cos(yaw), np.sin(yaw)]
+    assert position.values == pytest.approx(wanted, abs=1e-6)
+    assert 2.0 * np.arctan2(turn.column("qz"), turn.column("qw")) == pytest.approx(np.full(len(TIME), 0.4))
+    assert "map > odom > base_link, of 3 links" in recording.provenance["warnings"]
+
+
+def test_topics_that_another_computer_stamps_are_set_to_the_recorders_clock(tmp_path: Path, small_files: Any) -> None:
+    """Twist has no header, and counts when it was received; poses were stamped 37 s ahead, and came 10 ms later."""
+    messages = []
+    for t in TIME + 100.0:
+        topic, kind, _, pose = _transform(small_files, t + 37.0, "odom base_link", (t, 0.0), 0.0)
+        messages += [_twist(small_files, t), (topic, kind, t + 0.01, pose)]
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    assert recording.channel("position").time == pytest.approx(recording.channel("command").time + 0.01, abs=1e-6)
+    assert "/tf: stamped by a clock that is 36.99 s ahead of the recorder's" in recording.provenance["warnings"]
+
+
 def test_an_unreadable_bag_is_named(tmp_path: Path, small_files: Any) -> None:
     bag = small_files.write_joint_bag(tmp_path / "bag")
     (file,) = bag.glob("*.db3")

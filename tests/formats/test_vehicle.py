@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.errors import RecordingError
 from trueup.formats import read
 from trueup.inspection import inspect
 from trueup.model_files.joint_names import joint_names
@@ -186,6 +187,13 @@ def test_a_speed_sideways_is_said_not_to_be_simulated(tmp_path: Path) -> None:
         np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=names, comments="")
         recording = read([tmp_path / "log.csv"])[0]
         assert ("sideways" in recording.provenance["guesses"]) == bool(sideways.any())
+        if sideways.any():
+            with pytest.raises(RecordingError, match=r"sideways is commanded, up to [\d.]+ m/s, as of mecanum"):
+                driven_by(recording)
+            joystick = np.where([[True, True, False]], recording.channel("command").values, 1e-4)
+            driven_by(recording.with_channel(recording.channel("command").replace(values=joystick)))
+        else:
+            driven_by(recording)
 
 
 def test_a_curvature_is_the_angle_with_which_a_car_of_its_wheelbase_drives_it() -> None:

@@ -177,3 +177,10 @@ def test_a_path_that_no_steering_can_follow_is_named() -> None:
     assert too_tight(rounded, StanleySettings(wheelbase=0.9, max_steering=np.arcsin(0.46))) == ""
     corner = Path.from_points("corner", [[0.0, 0.0], [5.0, 0.0], [5.0, 5.0]], speed=0.5)
     assert too_tight(corner, StanleySettings()) == "", "a corner is no stretch of road"
+    back = Path.from_points("back", [[0.0, 0.0], [5.0, 0.0], [2.0, 0.0]])
+    assert "turns back on itself near x = 4." in too_tight(back, StanleySettings())
+
+
+def test_a_path_in_degrees_is_no_path_in_metres() -> None:
+    with pytest.raises(ParameterError, match=r"is 0.0001 m long, less than the vehicle .* are its numbers metres"):
+        FollowPath([Path.from_points("earth", [[48.1, 11.5], [48.1001, 11.5]])])

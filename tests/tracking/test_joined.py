@@ -95,3 +95,43 @@ def test_a_tracker_that_loses_the_robot_and_finds_it_again_has_one_frame() -> No
     assert np.isnan(places[200:230]).all()
     assert np.nanmax(np.abs(places - way[:, :2])) < 0.03
     assert "jumps " not in _warnings(found)
+
+
+def test_a_place_that_is_repeated_until_the_robot_is_far_away_is_no_place_where_it_stood() -> None:
+    """A logger that writes the last fix on through an outage; where a robot stands it goes on from there."""
+    speed = np.where((TIME > 20.0) & (TIME < 24.0), 0.0, 2.0)
+    way = _way(speed)
+    drive = _drive(way, speed).without("speed").without("heading")
+    points = np.array(drive.channel("position").values)
+    stands, lost = (TIME > 20.0) & (TIME < 24.0), (TIME > 8.0) & (TIME < 16.0)
+    points[stands] = points[np.argmax(stands)]
+    points[lost] = points[np.argmax(lost)]
+    found = cleaned(drive.with_channel(drive.channel("position").replace(values=points))).channel("position").values
+    known = np.isfinite(found[:, 0])
+    assert not known[lost][1:].any()
+    assert known[stands].all()
+    assert known[~lost].mean() > 0.9
+
+
+@pytest.mark.parametrize("shift", [(1.1, 1.1), (-1.1, 0.9), (-0.7, -0.8)])
+def test_a_receiver_of_few_fixes_that_jumps_less_far_than_a_vehicle_drives_is_seen_to_jump(
+    shift: tuple[float, float],
+) -> None:
+    """A metre or two within 0.2 s, at 2 m/s; poses behind are moved to where the drive went on, or left out."""
+    speed, late = np.full(len(TIME), 2.0), 0.06 * np.random.default_rng(1).random(150)
+    way = _way(speed)
+    told = _in_another_frame(way, 300, 0.0, shift)
+    drive = _drive(told, speed).without("speed").without("heading")
+    slow = {
+        c.name: c.replace(
+            time=c.time[::4] + late, values=c.values[::4] + np.random.default_rng(2).normal(0.0, 0.02, (150, 2))
+        )
+        for c in (drive.channel("position"),)
+    }
+    found = cleaned(drive.replace(channels={**drive.channels, **slow})).channel("position").values
+    still = cleaned(_drive(way, speed).without("speed").without("heading")).channel("position").values
+    off = np.linalg.norm(found - way[::4, :2], axis=1)
+    before, behind = np.isfinite(off[:75]).mean(), np.isfinite(off[75:]).mean()
+    assert max(before, behind) > 0.85
+    assert np.nanstd(off) < 0.1  # one frame for all that is left
+    assert np.isfinite(still[:, 0]).mean() > 0.95

@@ -12,11 +12,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import FormatError, MissingExtraError
+from trueup.formats import frames
 from trueup.formats.messages import Rows, rows_of, stamp_of
 from trueup.formats.planned import KIND, Plan, followed, plan_of
 from trueup.formats.table import Table, numbers, shown
 from trueup.units import to_si
 
+_UNDER_WAY = 1.0  # s; AMCL dates its transforms up to so far ahead
 _JOINT_STATE_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 
 
@@ -61,6 +63,7 @@ def read(path: Path) -> list[Table]:
         raise MissingExtraError("reading ROS bags", "rosbags", "ros") from None
     topics: dict[tuple[str, frozenset[str]], _Topic] = {}
     plans: dict[tuple[str, frozenset[str]], list[Plan]] = {}
+    links: frames.Links = {}
     warnings: dict[str, int] = {}
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
@@ -69,6 +72,9 @@ def read(path: Path) -> list[Table]:
                     plan = plan_of(message, received, stamp_of(message))
                     if plan is not None:
                         plans.setdefault((topic, frozenset(plan.joints)), []).append(plan)
+                    continue
+                if kind.lower().endswith(frames.KIND):
+                    frames.take(message, received, links)
                     continue
                 rows = rows_of(message, kind)
                 if rows.samples:
@@ -81,7 +87,10 @@ def read(path: Path) -> list[Table]:
         raise FormatError(f"{path}: cannot be read as a bag ({reason})") from error
     notes = tuple(f"{path.name}: {reason} ({count} messages)" for reason, count in list(warnings.items())[:20])
     commanded = [_commanded(topic, each, list(topics.values())) for (topic, _), each in plans.items()]
-    tables = _tables([*topics.values(), *commanded], path, notes)
+    placed, through = _of_frames(links)
+    everything = [*topics.values(), *commanded, *placed]
+    notes += tuple(f"{path.name}: {said}" for said in (*through, *_one_clock(everything)))
+    tables = _tables(everything, path, notes)
     if not tables:
         raise FormatError(f"{path}: no message with numbers in this bag" + (f"; {'; '.join(notes)}" if notes else ""))
     return tables
@@ -106,6 +115,39 @@ def _commanded(topic: str, plans: Sequence[Plan], others: Sequence[_Topic]) -> _
     time, values = followed(ordered, lambda at: _measured(others, joints, at))
     columns = {f"desired.positions/{joint}": column.tolist() for joint, column in zip(joints, values.T, strict=True)}
     return _Topic(topic, f"trajectory_msgs/msg{KIND}", joints, time.tolist(), time.tolist(), columns)
+
+
+def _of_frames(links: frames.Links) -> tuple[list[_Topic], list[str]]:
+    """The base's pose as a topic, where links tell it, and which of them."""
+    found = frames.base(links)
+    if found is None:
+        return [], []
+    through, link = found
+    said = [f"/tf is taken as {through}, of {len(links)} links"] if len(links) > 1 else []
+    return [_Topic("/tf", "tf2_msgs/msg/TFMessage", (), link.stamps, link.received, frames.cells(link))], said
+
+
+def _one_clock(topics: Sequence[_Topic]) -> list[str]:
+    """Sets headers' times of other clocks than the recorder's to its own where topics have several, and says so.
+
+    A message is on its way for less than _UNDER_WAY: what is stamped further off is by the clock of another computer, or of
+    a simulation. Topics of one such clock keep their times to one another; the quickest of them tells how far off it is.
+    """
+    gaps = [float(np.median(np.subtract(topic.received, topic.stamps))) for topic in topics]
+    if all(abs(gap - gaps[0]) < _UNDER_WAY for gap in gaps):
+        return []
+    said: list[str] = []
+    left = sorted((gap, k) for k, gap in enumerate(gaps) if abs(gap) >= _UNDER_WAY)
+    while left:
+        off = left[0][0]
+        same = [k for gap, k in left if gap - off < _UNDER_WAY]
+        left = left[len(same) :]
+        for k in same:
+            topics[k].stamps = [stamp + off for stamp in topics[k].stamps]
+        names = ", ".join(sorted({topics[k].name for k in same}))
+        where = "behind" if off > 0.0 else "ahead of"
+        said.append(f"{names}: stamped by a clock that is {abs(off):.6g} s {where} the recorder's, and set to that")
+    return said
 
 
 def _measured(topics: Sequence[_Topic], joints: Sequence[str], at: float) -> Array | None:

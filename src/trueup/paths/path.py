@@ -56,7 +56,10 @@ class Path:
                 raise RecordingError(f"path '{self.name}': {field} must be ({len(points)},) and finite")
             object.__setattr__(self, field, values)
         if (self.speed <= 0.0).any():
-            raise RecordingError(f"path '{self.name}': target speed at point {self.speed.argmin()} is not positive")
+            raise RecordingError(
+                f"path '{self.name}': target speed at point {self.speed.argmin()} is {self.speed.min():.3g} m/s; it must be "
+                "positive: paths are driven forward and without a stop. Give each section that is as a path of its own"
+            )
         for array in (self.points, self.heading, self.curvature, self.speed, self.arc):
             array.setflags(write=False)
 

@@ -36,6 +36,7 @@ one law, below which another explains it. Of three made-up robots the first was 
 """
 _NOISE = 0.02  # rad, a degree: noise of the pose turns the wheels as far on a straight path
 
+_BACK = 0.75 * np.pi  # rad within a wheelbase: no corner, the vehicle would have to back off
 _SLACK = 1.0 / 0.7
 """A robot that is as slow as a calibration reckons with (`wheel_scale`) still arrives: what it has not reached counts as
 lost, so that gains would be tuned for being early."""
@@ -51,7 +52,7 @@ class FollowPath:
     a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains, `ranges`
     the lowest and highest that are searched; `duration` in s holds for all paths, else each has a little more time than its
     target speed needs.
-    Raises ParameterError without paths, UnknownNameError for other points or measures.
+    Raises ParameterError without paths or for one shorter than the vehicle, UnknownNameError for other points or measures.
     """
 
     def __init__(
@@ -66,6 +67,10 @@ class FollowPath:
                 raise unknown_name(kind, value, known, "what a path-following task can judge by")
         self.paths = tuple(paths)
         self.settings = settings or StanleySettings()
+        short = next((p for p in self.paths if p.length < self.settings.wheelbase), None)
+        if short is not None:
+            least = f"less than the vehicle (wheelbase {self.settings.wheelbase:.3g} m)"
+            raise ParameterError(f"path '{short.name}' is {short.length:.3g} m long, {least}: are its numbers metres?")
         self.parameters: ParameterSpace = gain_space(names, self.settings.edges, ranges, **(nominal or {}))
         self.measure, self.point = measure, point
         self.trials = tuple(trial_of(p, self.settings, rate, duration) for p in self.paths)
@@ -210,13 +215,17 @@ def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration
 
 
 def too_tight(path: Path, settings: StanleySettings) -> str:
-    """A sentence where a path turns more tightly than the front axle can, for longer than the vehicle; '' elsewhere.
+    """A sentence where a path turns more tightly than the front axle can, for longer than the vehicle, or back; else ''.
 
     Curvature is the mean along a wheelbase: points that are rounded to a millimetre bend a path that does not.
     """
     most = float(np.sin(min(settings.max_steering, 0.5 * np.pi))) / settings.wheelbase
     ahead = np.interp(path.arc + settings.wheelbase, path.arc, path.heading)
     curvature = np.abs(ahead - path.heading) / settings.wheelbase
+    if settings.wheelbase * curvature.max() > _BACK:
+        x, y = path.points[int(curvature.argmax())]
+        where = f"path '{path.name}' turns back on itself near x = {x:.3g}, y = {y:.3g} m"
+        return f"{where}, and is followed forward only: give the sections ahead and back as paths of their own"
     changes = np.flatnonzero(
         np.diff(np.concatenate([[False], curvature > most * (1.0 + PRINTED), [False]]).astype(int))
     )

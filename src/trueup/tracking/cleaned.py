@@ -18,10 +18,12 @@ from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
 from trueup.tracking.joined import end_to_end, joined, sudden, told
 from trueup.tracking.place import fresh, place_of, tells_place
+from trueup.tracking.reversing import as_heading, driven_back
 from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
+_HARDEST, _LATE, _FEW = 10.0, 0.05, 10  # m/s^2 of tyres on a dry road; s; samples that tell what is usual
 _CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 
@@ -51,10 +53,12 @@ def cleaned(
         notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
     if heading is None:
         notes += told(position, jumps)
-        heading = turned_with(position, recording.channel("yaw_rate"), good) if recording.has("yaw_rate") else None
+        back = driven_back(recording, position)
+        gyro = recording.channel("yaw_rate") if recording.has("yaw_rate") else None
+        heading = None if gyro is None else turned_with(position, gyro, good, back)
         source = "the direction of motion stands" if heading is None else "turn rate and direction of motion stand"
         notes.append(f"no heading was recorded: {source} for it")
-        heading = heading or course(position, good)
+        heading = heading or course(position, good, back)
         good &= np.isfinite(heading.values[:, 0])
     else:
         heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
@@ -96,6 +100,9 @@ def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[
         len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > PRINTED
     ):
         heading = heading.replace(time=position.time, values=_turned(heading, position.time))
+    if heading is not None:
+        heading, more = as_heading(heading, position, driven_back(recording, position))
+        notes = [*notes, *more]
     good, jumps = _of_the_car(recording, position, heading)
     believed = position.replace(values=np.where(good[:, None], position.values, np.nan))
     return end_to_end(believed, jumps), heading, good, jumps, notes
@@ -118,6 +125,8 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
         return good, []
     time, points = position.time[rows], position.values[rows]
     noise, fastest = _usual_motion(time, points)
+    gone_on = _gone_on(time, points, noise, fastest)
+    rows, time, points = rows[gone_on], time[gone_on], points[gone_on]
     pieces = _pieces(time, points, angle[rows], noise, fastest)
     believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else []
     if sum(b - a for a, b in believed) < _CONTRADICTED * len(rows):  # no wheel speed, or not in m/s
@@ -126,7 +135,10 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
         good[rows[start:stop]] = True
     ends = [(stop - 1, start) for (_, stop), (start, _) in pairwise(believed)]
     usual = usual_step(time)
-    apart = [e for e in ends if _jumps(time[[*e]], points[[*e]], angle[rows[[*e]]], noise, fastest, usual)[0]]
+    ways = [
+        (time[[*e]], points[[*e]], angle[rows[[*e]]]) for e in ends
+    ]  # what follows at once jumped: that parts pieces
+    apart = [e for e, w in zip(ends, ways, strict=True) if e[0] + 1 == e[1] or _jumps(*w, noise, fastest, usual)[0]]
     return good, [(int(rows[last]), int(rows[first])) for last, first in apart]
 
 
@@ -156,6 +168,18 @@ def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
     return noise, max(min(fastest, _FASTEST), 2.0 * often) if np.isfinite(often) else fastest
 
 
+def _gone_on(time: Array, points: Array, noise: float, fastest: float) -> Mask:
+    """(T,) without what repeats a place to the last digit until the next one is far away: no fix came, nothing stood."""
+    same = np.concatenate([[False], np.all(points[1:] == points[:-1], axis=1)])
+    begun = np.flatnonzero(~same)
+    stops = np.append(begun[1:], len(points))
+    lost = np.zeros(len(points), dtype=bool)
+    far = np.flatnonzero(np.append(_jumps(time, points, np.zeros(len(time)), noise, fastest, usual_step(time)), False))
+    for k in np.searchsorted(stops, far, side="right").tolist():
+        lost[begun[k] + 1 : stops[k]] = True
+    return ~lost
+
+
 def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: float) -> list[tuple[int, int]]:
     """Where the pose goes on without a jump; pieces of fewer than 10 samples, or 0.2 s, are left out."""
     usual = usual_step(time)
@@ -168,9 +192,27 @@ def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: flo
 def _jumps(time: Array, points: Array, angle: Array, noise: float, fastest: float, usual: float) -> Mask:
     """(T - 1,) from which pose to the next nothing drives or turns; `usual` is the step in s from one to the next."""
     gaps = np.diff(time)
-    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    way = np.where(_out_of_line(time, points), np.inf, np.linalg.norm(np.diff(points, axis=0), axis=1))
     turn = np.abs(wrapped(np.diff(angle)))
     return (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
+
+
+def _out_of_line(time: Array, points: Array) -> Mask:
+    """(T - 1,) which steps lead on neither from the one before nor to the one behind: farther off than noise, an instant that
+    was written late, and the hardest braking and turning make. What jumps between slow fixes goes no faster than it drives.
+    """
+    out = np.zeros(max(len(time) - 1, 0), dtype=bool)
+    if len(out) < _FEW:
+        return out
+    gaps, steps = np.diff(time), np.diff(points, axis=0)
+    speeds, gap = steps / gaps[:, None], gaps[1:-1]
+    off, going = np.inf, 0.0
+    for beside in (speeds[:-2], speeds[2:]):
+        off = np.minimum(off, np.linalg.norm(steps[1:-1] - beside * gap[:, None], axis=1))
+        going = np.maximum(going, np.linalg.norm(beside, axis=1))
+    usual = max(_NOISE, 4.0 * float(np.median(off)))
+    out[1:-1] = off > usual + np.minimum(2.0 * gap, _LATE) * going + _HARDEST * gap**2
+    return out
 
 
 def _agreeing(

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from trueup.arrays import Array
@@ -55,6 +57,7 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
             'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s" '
             '(["left_duty", "right_duty"] of PWM)'
         )
+    _refuse_sideways(recording, found, drive)
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
     time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
@@ -67,6 +70,20 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     throttle = throttle - brake[0] if brake else throttle
     units = (drive.unit_of(drive.labels[0]), "rad" if turned else steer.unit_of(steer.labels[0]))
     return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
+
+
+def _refuse_sideways(recording: Recording, found: Mapping[str, Channel], drive: Channel) -> None:
+    """Raises RecordingError where a speed to the side is commanded beside that ahead: such motion is not simulated."""
+    aside = found.get("sideways")
+    fastest, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (drive, aside or drive))
+    if aside is None or most <= _IDLE * fastest:
+        return
+    raise RecordingError(
+        f"recording '{recording.name}': a speed sideways is commanded, up to {most:.3g} {aside.unit_of('sideways')}".rstrip()
+        + ", as of mecanum, omni or swerve wheels; a vehicle is simulated that goes ahead and back and turns. Give drives in "
+        "which that stays zero, or leave 'sideways' and its column out of [channels.command] in the mapping where it does "
+        "nothing"
+    )
 
 
 def refuse_another_range(

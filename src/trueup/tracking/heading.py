@@ -46,10 +46,9 @@ def told_by(recording: Recording) -> list[Channel]:
     return [*angles, *turns]
 
 
-def course(position: Channel, good: Mask) -> Channel:
-    """The direction of motion at each good sample, from where the car was until then, so that a prediction may start there.
-
-    While it stands, the last direction. NaN elsewhere.
+def course(position: Channel, good: Mask, back: Mask | None = None) -> Channel:
+    """The direction of motion at each good sample, from where the car was until then, so that a prediction may start there;
+    the other way round where it goes `back` (T,). While it stands, the last direction. NaN elsewhere.
     """
     time, points = position.time[good], position.values[good]
     angle = np.full((len(position.time), 1), np.nan)
@@ -57,16 +56,18 @@ def course(position: Channel, good: Mask) -> Channel:
         moved, sure = _motion_until(time, points)
         if sure.any():
             known = np.flatnonzero(sure)
-            way = np.unwrap(np.arctan2(moved[known, 1], moved[known, 0]))
+            turned = 0.0 if back is None else np.pi * back[good][known]
+            way = np.unwrap(np.arctan2(moved[known, 1], moved[known, 0]) + turned)
             angle[good, 0] = way[np.maximum(np.searchsorted(known, np.arange(len(time)), side="right") - 1, 0)]
     return Channel("heading", ("heading",), "rad", position.time, angle)
 
 
-def turned_with(position: Channel, yaw_rate: Channel, good: Mask) -> Channel | None:
+def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | None = None) -> Channel | None:
     """The heading at each sample from a gyroscope, set right by the way driven; None where the two do not go together.
 
     The turn rate adds up to an angle whose zero drifts; the direction from fix to fix, beside the mean angle between them,
-    shows the zero, averaged over the last seconds. Nothing that comes later counts, so that a prediction may start there.
+    shows the zero, averaged over the last seconds; it is the other way round where the car goes `back` (T,). Nothing that
+    comes later counts, so that a prediction may start there.
     """
     known = np.isfinite(yaw_rate.values[:, 0])
     time, points = position.time[good], position.values[good]
@@ -83,7 +84,7 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask) -> Channel | N
     if usable.sum() < 50:
         return None
     ends = [np.interp(t, clock, area) for t in (time[width:], time[:-width])]
-    direction = np.arctan2(moved[:, 1], moved[:, 0])
+    direction = np.arctan2(moved[:, 1], moved[:, 0]) + (0.0 if back is None else np.pi * back[good][width:])
     best: tuple[float, Array] = (0.0, np.zeros(0))
     for sign in (1.0, -1.0):
         zero = np.where(usable, np.exp(1j * (direction - sign * (ends[0] - ends[1]) / lasted)) * way, 0.0)

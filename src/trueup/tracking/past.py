@@ -189,8 +189,10 @@ def _seen(time: Array, pose: Array, grid: Array, step: float) -> tuple[Array, Ma
 
 def _apart(seen: Array, path: Array, known: Mask, width: int) -> float:
     """Standard deviation, whatever outliers there are, of what is `seen` from the past `width` instants from a parabola
-    through as many to both sides.
+    through as many to both sides; 0 where there are not as many.
     """
+    if len(path) <= 2 * width:  # a slow receiver, cut short
+        return 0.0
     around, _ = _weights(np.arange(-width, width + 1, dtype=np.float64), 2)
     inner = np.convolve(path, around[::-1], mode="same") - seen
     inner = inner[width:-width][known[width:-width] & known[2 * width :]]

@@ -280,7 +280,8 @@ def begin(
         s[SPEED], s[TURNING] = forward_speed(p, seen[first]), seen[first, 4]
     compared = log_begin[1] if rested else first
     bent, driven = over_the_past(p, dt, commands, seen, first, k0, compared, lag, shares, moments, s)
-    if driven > max(LASTS / 2.0, past * dt / 2.0):  # a car that stands shows nothing
+    # A car that stands shows nothing, nor does one whose speed takes longer to see than the past lasts (a fix a second).
+    if driven > max(LASTS / 2.0, past * dt / 2.0) and moments[0] > 0.0:
         forward = beyond_model(p, moments, bent, forward, s)
     elif rested:
         forward += p[SPEED_KEPT] * (s[SPEED] - forward)

@@ -49,12 +49,8 @@ def commanded(
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
             "says so; if this was measured, name in [channels.command] what was commanded",
         )  # fmt: skip
-    if any(np.any(s.column.known != 0.0) for s in told["sideways"]):
-        names = ", ".join(s.column.name for s in told["sideways"])
-        said = (
-            *said,
-            f"{names}: a speed sideways, as of mecanum or omni wheels, is not simulated; take drives without it",
-        )
+    aside, warned = _sideways(told["sideways"])
+    said = (*said, *warned)
     unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
     if unused and speed:  # Ackermann messages seldom use their acceleration
         throttle = None
@@ -63,7 +59,16 @@ def commanded(
         brake = best(kinds["brake"]) if throttle else None
         label = "curvature" if steering.kind == "curvature" else "steering"
         return {**ahead, label: steering, **({"brake": brake} if brake else {})}, said
-    return ({"speed": speed, "turn": turn}, said) if speed and turn and (place or measured(paired)) else ({}, ())
+    if not (speed and turn and (place or measured(paired))):
+        return {}, ()
+    return {"speed": speed, "turn": turn, **({"sideways": aside} if aside else {})}, said
+
+
+def _sideways(told: Sequence[Signal]) -> tuple[Signal | None, tuple[str, ...]]:
+    """A commanded speed to the side that is not zero throughout, and what to say of it."""
+    aside = next((s for s in told if np.any(s.column.known != 0.0)), None)
+    warned = "a speed sideways, as of mecanum or omni wheels, is not simulated; take drives without it"
+    return aside, () if aside is None else (f"{aside.column.name}: {warned}",)
 
 
 def _steering(kinds: Mapping[str, list[Signal]], told: Mapping[str, list[Signal]], *, alone: bool) -> Signal | None:

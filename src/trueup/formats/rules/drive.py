@@ -218,8 +218,8 @@ def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tupl
         said = (
             _says(s) or s.column.name in degrees or not (share_of_throttle or _ANGLES.isdisjoint(s.column.parts.words))
         )
-        usual = {"speed": "m/s", "turn": "rad/s", "curvature": "1/m", "steering": "rad" if said else ""}
-        wanted = usual.get(label, "")
+        usual = {"speed": "m/s", "sideways": "m/s", "turn": "rad/s", "curvature": "1/m"}
+        wanted = "rad" if said and label == "steering" else usual.get(label, "")
         pulses = s.column.parts.tail == "1" or (label == "steering" and are_pulses(s.column.known))  # steer_us
         share = pulses or s.factor == to_si("%")[1] or s.kind == "erpm"
         return "" if share else wanted

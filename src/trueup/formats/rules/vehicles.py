@@ -121,7 +121,7 @@ RULES = (
     ),
     Rule("sideways", "vy, v y, vel y, velocity y, linear y, linear velocity y, lin y, lin vel y",
          (Example("t,cmd_vel.linear.x,cmd_vel.linear.y,cmd_vel.angular.z,x,y", "0 1 .1 0 1 2|.1 1 .1 0 1 2|.2 1 .2 0 1 2",
-                  "command[] speed turn; position[m] x y; cmd_vel_linear[] y"),), unit="m/s"),
+                  "command[] speed turn sideways; position[m] x y"),), unit="m/s"),
     Rule(
         "yaw_rate",
         "w, wz, wimu, omega, omega z, yaw rate, yawrate, yaw vel, yaw velocity, yaw speed, yawvel, yawspeed, gyro z, gyroz, "
