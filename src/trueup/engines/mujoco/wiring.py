@@ -15,7 +15,7 @@ from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
 from trueup.engines.mujoco.attributes import is_motor as is_motor
 from trueup.engines.mujoco.base import columns_of, place
-from trueup.engines.mujoco.gears import SLACK
+from trueup.engines.mujoco.gears import SECOND, SLACK
 from trueup.engines.mujoco.model import Model
 from trueup.errors import unknown_name
 from trueup.recording import Channel
@@ -119,6 +119,14 @@ def start_state(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -
         place(compiled, qpos, qvel, base)
     ids = [joint_id(compiled, j) for j in joints]
     return qpos, qvel, compiled.jnt_qposadr[ids], compiled.jnt_dofadr[ids]
+
+
+def placed_joints(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -> list[int]:
+    """Numbers of the joints that begin a trial where they were measured, and of those that are a gear's play or twist."""
+    position = trial.initial.get("position")
+    measured = () if position is None else [j for j in joints if j in position.labels]
+    inner = [name + suffix for name in joints for suffix in SECOND.values()]
+    return [j for name in (*measured, *inner) if (j := joint_id(compiled, name)) >= 0]
 
 
 def activations(model: Model, first: Array, start: Array) -> Array:

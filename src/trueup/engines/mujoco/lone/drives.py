@@ -22,10 +22,10 @@ _LIVE = {"dead_band": 0.5, "punch": 1.0, "friction_static": 1.0, "stribeck_speed
 
 
 def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
-    """Whether every joint of a model is a hinge or a slide with at most one drive, which has no memory, and neither backlash
-    nor a spring that is calibrated.
+    """Whether every joint of a model is a hinge or a slide that nothing ties to another, with at most one drive, which has no
+    memory, and neither backlash nor a spring that is calibrated.
     """
-    if compiled.nq != compiled.nv or compiled.na or _beyond(quantities):
+    if compiled.nq != compiled.nv or compiled.na or compiled.neq or _beyond(quantities):
         return False
     affine = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     simple = (compiled.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & np.isin(
