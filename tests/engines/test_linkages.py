@@ -38,7 +38,7 @@ def _recorded(xml: str, driven: list[str], start: list[float], unit: str) -> Rec
     d.ctrl[:] = start
     mujoco.mj_step(m, d, 3000)
     columns = [int(m.joint(name).qposadr[0]) for name in driven]
-    time, seen, told = 0.002 * np.arange(300), [], []
+    time, seen, told = np.linspace(0.0, 0.598, 300), [], []
     for t in time:
         d.ctrl[:] = np.array(start) * (1.0 - 0.5 * t)
         seen.append(d.qpos[columns])
