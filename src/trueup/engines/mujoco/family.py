@@ -50,6 +50,7 @@ from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.pauses import parted_at_pauses
 from trueup.inspection.ranges import beyond_ranges
+from trueup.inspection.scattered import gathered
 from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
 from trueup.inspection.spikes import without_lone_spikes
@@ -122,7 +123,9 @@ class Articulated(Family):
         """See Family: joints by the model's names, commands that its drives take."""
         drives = model.drives()
         others = self.others(model)
-        sound, spikes = _edited([*training, *held_out], "spikes", refuse, without_lone_spikes)
+        known = {*drives, *drives.values(), *others}
+        whole, apart = _edited([*training, *held_out], "names", refuse, lambda rs: gathered(rs, known))
+        sound, spikes = _edited(whole, "spikes", refuse, without_lone_spikes)
         sound, told = _edited(sound, "tendons", refuse, lambda rs: with_joints_told(model, rs))
         named, renamed = _edited(sound, "names", refuse, lambda rs: named_as(rs, drives, others))
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
@@ -136,7 +139,7 @@ class Articulated(Family):
         doubts = self.doubts(model, taken)
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
-        found = (spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
+        found = (apart, spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
         edits = (note for part in found for note in part)
         notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)

@@ -20,7 +20,7 @@ def with_joints_told(model: Model, recordings: Sequence[Recording]) -> tuple[lis
     """Recordings with positions and speeds of joints in place of those of drives that pull at fixed tendons, and a note.
 
     Such a drive moves by a weighed sum of its joints: as many drives as joints tell these, or fewer where the model ties
-    joints to one another, as the fingers of a gripper. Columns are a drive's by its name; they are left out beside joints that were
+    joints to one another, as the fingers of a gripper. Columns are a drive's by its name; left out beside joints that were
     measured themselves, and stay where they do not tell their joints.
     """
     pulled, ties = pulls(model), _ties(model)
