@@ -19,6 +19,7 @@ from trueup.articulated.model import servos
 from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.calibration import Calibration
 from trueup.engines.family import Family, Note, Request, Suited
+from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.base import check_base, floating, free_joint, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -40,6 +41,7 @@ from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
+from trueup.engines.mujoco.wiring import is_speed_servo
 from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
@@ -157,7 +159,7 @@ class Articulated(Family):
                 found.append(Diagnosis(name, changed.notes[-1]).unless(request.refuse))
                 if found[-1].refused:
                     continue
-                guessed |= change is driven and _servos(changed) > _servos(model)
+                guessed |= change is driven and not _servos(changed) <= _servos(model)
                 model = changed
                 if change is driven and given.is_mjcf:
                     drives = change(given, everything)
@@ -239,8 +241,9 @@ def _stiffness(model: Model) -> dict[str, float]:
     return {f"{q}.{driven.get(servo, servo)}": float(value) for (q, servo), value in shipped.items()}
 
 
-def _servos(model: Model) -> int:
-    return sum(model.is_position_servo(i) for i in range(model.compiled.nactuator))
+def _servos(model: Model) -> set[tuple[int, str]]:
+    m, kinds = model.compiled, {"position": is_position_servo, "speed": is_speed_servo}
+    return {(i, kind) for i in range(m.nactuator) for kind, is_one in kinds.items() if is_one(m, i)}
 
 
 def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:

@@ -104,6 +104,14 @@ def actuators_of(model: Model, command: Channel) -> list[int]:
     return [model.index("actuator", name) for name in commanded(model, command)]
 
 
+def is_speed_servo(m: mujoco.MjModel, actuator: int) -> bool:
+    """True where an actuator is a servo of speed: force = kv (command - velocity)."""
+    affine = int(m.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    gain, (_, stiffness, damping) = m.actuator_gainprm[actuator, 0], m.actuator_biasprm[actuator, :3]
+    plain = int(m.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
+    return bool(affine and plain and stiffness == 0.0 and gain > 0.0 and np.isclose(gain, -damping))
+
+
 def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
     """(nq,), (nv,) from which a run begins where nothing was measured: the first keyframe, or the reference pose."""
     if compiled.nkey:
