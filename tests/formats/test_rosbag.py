@@ -179,6 +179,22 @@ def test_an_unreadable_bag_is_named(tmp_path: Path, small_files: Any) -> None:
         formats.read(bag)
 
 
+def test_a_bag_that_its_recorder_did_not_finish_says_how_it_is_mended(tmp_path: Path, small_files: Any) -> None:
+    (file,) = small_files.write_joint_bag(tmp_path / "bag", mcap=True).glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-200])
+    with pytest.raises(FormatError, match=rf"{file.name} ends early.*mcap recover"):
+        formats.read(file)
+
+
+def test_efforts_that_are_no_numbers_are_named(tmp_path: Path, small_files: Any) -> None:
+    state = small_files.joint_state
+    messages = [("/joint_states", JOINT_STATE, t + 1.0, state(t + 1.0, ["hip"], [t])) for t in TIME]
+    for _, _, _, message in messages:
+        message.effort = np.array([np.nan])
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    assert "no number in any message of /joint_states: effort/hip" in recording.provenance["warnings"]
+
+
 def test_a_bag_without_numbers_is_named(tmp_path: Path, small_files: Any) -> None:
     note = small_files.message("std_msgs/msg/String", data="hello")
     bag = small_files.write_bag(tmp_path / "bag", [("/note", "std_msgs/msg/String", 1.0, note)])

@@ -15,7 +15,7 @@ from trueup.errors import FormatError, MissingExtraError
 from trueup.formats.bag_clocks import Stamps, in_order, shifts
 from trueup.formats.messages import Rows, rows_of, stamp_of
 from trueup.formats.planned import KIND, Plan, followed, plan_of
-from trueup.formats.table import Table, numbers, shown
+from trueup.formats.table import Table, listing, numbers, shown
 from trueup.units import to_si
 
 _UNITS = {
@@ -90,7 +90,7 @@ def read(path: Path) -> list[Table]:
         raise
     except Exception as error:  # a damaged bag raises errors of sqlite, of the compression, of the parser, ...
         reason = " ".join(str(error).split())[:300] or type(error).__name__
-        raise FormatError(f"{path}: cannot be read as a bag ({reason})") from error
+        raise FormatError(f"{path}: cannot be read as a bag ({reason}){_cut_off(path)}") from error
     notes = tuple(f"{path.name}: {reason} ({count} messages)" for reason, count in list(warnings.items())[:20])
     moved, said = _one_clock(topics, plans)
     measured = [_Timed(topic, topic.stamps.instants(moved.get(topic.name, 0.0))) for topic in topics.values()]
@@ -99,6 +99,19 @@ def read(path: Path) -> list[Table]:
     if not tables:
         raise FormatError(f"{path}: no message with numbers in this bag" + (f"; {'; '.join(notes)}" if notes else ""))
     return tables
+
+
+def _cut_off(path: Path) -> str:
+    """What to do about an MCAP file that its recorder did not finish: it says at its end where everything is."""
+    magic = b"\x89MCAP0\r\n"
+    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+        content = file.read_bytes() if file.suffix.lower() == ".mcap" else b""
+        if content.startswith(magic) and not content[len(magic) :].endswith(magic):
+            return (
+                f": {file.name} ends early, as where the recorder was killed or the disk was full; `mcap recover {file.name} "
+                "-o whole.mcap` makes a file of what is in it"
+            )
+    return ""
 
 
 def _one_clock(
@@ -177,6 +190,9 @@ def _table(timed: _Timed, name: str, path: Path, notes: tuple[str, ...]) -> Tabl
             columns[column] = values
     if not columns:
         return None
+    nothing = [column for column, values in columns.items() if not np.isfinite(values).any()]
+    if nothing:
+        notes = (*notes, f"{path.name}: no number in any message of {name}: {listing(nothing)}")
     columns = {"stamp": timed.instants, "received": np.array(topic.stamps.received), **columns}
     if (order := in_order(timed.instants)) is not None:
         columns = {column: values[order] for column, values in columns.items()}
