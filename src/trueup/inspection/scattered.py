@@ -26,7 +26,7 @@ def gathered(
     """
     changed, told = [], dict[str, list[str]]()
     for recording in recordings:
-        for name, channel in list(recording.channels.items()):
+        for name, channel in sorted(recording.channels.items(), key=lambda item: -len(item[1].time)):
             kind = max((k for k in _KINDS if name.startswith(f"{k}_")), key=len, default="")
             main = recording.channels.get(kind) if name not in _KINDS else None
             more = [j for j in channel.labels if main is not None and j in joints and j not in main.labels]
