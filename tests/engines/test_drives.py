@@ -274,3 +274,42 @@ def test_a_log_that_numbers_its_motors_counts_them_as_the_actuators_stand(tmp_pa
     (log,) = ready.recordings
     np.testing.assert_array_equal(log.channel("position").column("right_hip"), values[:, 0])
     assert any("joint_0 -> right_hip, joint_1 -> left_hip" in note for note in ready.notes)
+
+
+_SPEED = '<actuator><velocity name="m" joint="j" kv="1"/></actuator>'
+
+
+def _paced() -> Recording:
+    """A pendulum whose drive has a loop of speed with a gain of 4 N m s/rad, and hinges with damping of 0.3."""
+    model = mujoco.MjModel.from_xml_string(_ARM.format(damping=0.3, drive=_SPEED.replace('kv="1"', 'kv="4"')))
+    data, time = mujoco.MjData(model), np.arange(0.0, 4.0, 0.01)
+    told, noise, seen = 0.8 * np.sin(3.0 * time) + 0.5, np.random.default_rng(0).normal(0.0, 1e-4, len(time)), []
+    for wanted in told:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 5)
+    channels = (
+        Channel("position", ("j",), "rad", time, (np.array(seen) + noise)[:, None]),
+        Channel("command_velocity", ("j",), "rad/s", time, told[:, None]),
+    )
+    return Recording("paced", {c.name: c for c in channels}, {})
+
+
+@pytest.mark.parametrize("drive", [_SPEED, _SERVO, _MOTOR, ""], ids=["of speed", "of position", "a motor", "none"])
+def test_commanded_speeds_drive_a_servo_of_speed_whatever_the_file_has(tmp_path: Path, drive: str) -> None:
+    """As angles of a position servo, or torques of a motor, they moved the joint somewhere else without a word."""
+    simulator, notes = simulator_for(_model(tmp_path, drive), [_paced()])
+    assert any("servos of speed" in n for n in notes) == (drive != _SPEED)
+    found = calibrate(simulator, [_paced()], options=Options(cross_validate=False))
+    gain = next(e.value for e in found.estimates if e.name == "j.gain" or e.name == "m.gain")
+    kv = simulator.model.compiled.actuator_gainprm[0, 0] * gain
+    assert kv == pytest.approx(4.0, rel=0.05)
+
+
+def test_of_positions_and_speeds_a_servo_of_speed_takes_the_speeds(tmp_path: Path) -> None:
+    paced = _paced()
+    both = paced.with_channel(paced.channel("position").replace(name="command"))
+    (run,), _ = suited(load(_model(tmp_path, _SPEED)), [both])
+    assert (run.has("command"), run.has("command_velocity")) == (False, True)
+    (run,), _ = suited(load(_model(tmp_path, _SERVO)), [both])
+    assert run.has("command")

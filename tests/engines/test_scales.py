@@ -12,6 +12,7 @@ from trueup import formats
 from trueup.calibration import Replay, by_unit
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.drives import suited
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-100 100"/><geom size=".05"/></body></worldbody>
@@ -126,3 +127,22 @@ def test_a_joint_that_was_logged_otherwise_than_it_was_commanded_is_named_before
                 Channel("command", ("a", "b"), "rad", time, swing)]  # fmt: skip
     _, notes = suited(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])
     assert any("command of b is about" in note and edit in note and "(run)" in note for note in notes)
+
+
+def test_a_gripper_that_goes_nearly_all_of_its_way_in_mm_is_not_in_percent_of_it(tmp_path: Path) -> None:
+    """Of 40 mm, 3 to 37: taken as percent it would never open by half. Percent of all of the way are no mm of it."""
+    finger = '<body><joint name="s" type="slide" range="0 .04"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", finger))
+    time = np.arange(0.0, 1.0, 0.01)
+    for values, metres in ((3.0 + 34.0 * time, 0.003 + 0.034 * time), (95.0 * time, 0.04 * 0.95 * time)):
+        channel = Channel("position", ("j", "s"), "", time, np.stack([time, values], axis=1))
+        (run,), _ = suited(load(tmp_path / "arm.xml"), [Recording("opens", {"position": channel})])
+        np.testing.assert_allclose(run.channel("position").column("s"), metres)
+
+
+def test_the_opening_of_two_fingers_is_named_where_the_joint_is_one_of_them(tmp_path: Path) -> None:
+    finger = '<body><joint name="s" type="slide" range="0 .04"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.split("<actuator>")[0].replace("</worldbody>", finger) + "</mujoco>")
+    channel = Channel("position", ("s",), "m", np.arange(0.0, 1.0, 0.01), 0.075 * np.arange(0.0, 1.0, 0.01)[:, None])
+    ready = prepare(tmp_path / "arm.xml", [Recording("opens", {"position": channel})], propose=False)
+    assert any("beyond its range" in note and "opening between two fingers" in note for note in ready.notes)

@@ -73,3 +73,28 @@ def test_inspect_takes_such_motors_for_no_joints(
     said = capsys.readouterr().out
     assert "by order" not in said
     assert "[elbow, pitch, roll]" in said
+
+
+GRIPPER = """<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size=".05"/>
+<body><joint name="left" type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/></body>
+<body><joint name="right" type="slide" axis="0 -1 0" range="0 .04"/><geom size=".01"/></body></body></worldbody>
+<tendon><fixed name="both"><joint joint="left" coef="1"/><joint joint="right" coef="1"/></fixed></tendon>
+<equality><joint joint1="right" joint2="left"/></equality>
+<actuator><position joint="elbow" kp="40"/><position name="gripper" tendon="both" kp="300"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("whole", [100.0, 1.0, 80.0, 0.08], ids=["percent", "share", "mm", "m"])
+def test_fingers_that_follow_one_another_are_told_from_the_drive_of_both(tmp_path: Path, whole: float) -> None:
+    """One opening tells two fingers that the model ties, whatever unit it was logged in, and so does its command."""
+    (tmp_path / "arm.xml").write_text(GRIPPER)
+    share = 0.5 - 0.48 * np.cos(3.0 * TIME)
+    values = np.stack([ELBOW, whole * share], axis=1)
+    unit = "" if whole > 2.0 else "rad"
+    log = Recording("log", {n: Channel(n, ("elbow", "gripper"), unit, TIME, values) for n in ("command", "position")})
+    (run,) = prepare(tmp_path / "arm.xml", [log], propose=False).recordings
+    position, command = run.channel("position"), run.channel("command")
+    np.testing.assert_allclose(
+        position.select(["left", "right"]).values, np.stack([0.04 * share] * 2, axis=1), atol=1e-9
+    )
+    np.testing.assert_allclose(command.column("gripper"), 0.08 * share, atol=1e-9)
+    assert {position.unit_of("left"), command.unit_of("gripper")} == {"m"}

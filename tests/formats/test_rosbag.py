@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from trueup import formats
 from trueup.errors import FormatError, MissingExtraError
+from trueup.formats.messages import rows_of
 from trueup.formats.planned import Plan, followed
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -54,6 +56,43 @@ def test_a_gripper_that_publishes_on_the_same_topic_does_not_tear_holes(tmp_path
     assert not np.isnan(recording.channel("position").values).any()
     (other,) = [c for c in recording.channels.values() if "finger" in c.labels]
     assert len(other.time) == 40
+
+
+@pytest.mark.parametrize(
+    ("ahead", "moved"), [(0.0, False), (0.7, True), (1.69e9, True)], ids=["alike", "apart", "simulated"]
+)
+def test_headers_on_another_clock_are_set_to_that_of_commands_without_headers(
+    tmp_path: Path, small_files: Any, ahead: float, moved: bool
+) -> None:
+    make, messages = small_files.message, []
+    for i, t in enumerate(TIME + 1.7e9):
+        state = small_files.joint_state(t - ahead, ["hip"], [float(i)])
+        layout = make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        told = make("std_msgs/msg/Float64MultiArray", layout=layout, data=np.array([float(i)]))
+        messages.append(("/joint_states", JOINT_STATE, t + 0.002, state))
+        messages.append(("/commands", "std_msgs/msg/Float64MultiArray", t + 0.002, told))
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    position, command = recording.channel("position"), recording.channel("command")
+    assert position.time - command.time == pytest.approx(np.full(len(TIME), 0.0 if moved else -0.002), abs=1e-5)
+    assert ("headers count from another instant" in recording.provenance.get("warnings", "")) == moved
+
+
+def test_messages_that_overtook_others_stand_in_the_order_of_their_headers(tmp_path: Path, small_files: Any) -> None:
+    late = np.random.default_rng(0).uniform(0.0, 0.03, len(TIME))
+    messages = [
+        ("/joint_states", JOINT_STATE, t + 1.0 + delay, small_files.joint_state(t + 1.0, ["hip"], [t]))
+        for t, delay in zip(TIME, late, strict=True)
+    ]
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    assert recording.channel("position").values[:, 0] == pytest.approx(TIME)
+
+
+def test_interfaces_of_joints_are_read_as_their_states() -> None:
+    """What every ros2_control broadcaster sends beside joint_states; as many joints as interfaces mixed up their names."""
+    interfaces = SimpleNamespace(interface_names=["velocity", "position"], values=[2.0, 1.0])
+    message = SimpleNamespace(joint_names=["hip", "knee"], interface_values=[interfaces, interfaces])
+    ((_, values),) = rows_of(message, "control_msgs/msg/DynamicJointState").samples
+    assert values == {"velocity/hip": 2.0, "position/hip": 1.0, "velocity/knee": 2.0, "position/knee": 1.0}
 
 
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -181,7 +220,7 @@ def test_topics_that_another_computer_stamps_are_set_to_the_recorders_clock(tmp_
         messages += [_twist(small_files, t), (topic, kind, t + 0.01, pose)]
     (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
     assert recording.channel("position").time == pytest.approx(recording.channel("command").time + 0.01, abs=1e-6)
-    assert "/tf: stamped by a clock that is 36.99 s ahead of the recorder's" in recording.provenance["warnings"]
+    assert "/tf by -36.99 s" in recording.provenance["warnings"]
 
 
 def test_an_unreadable_bag_is_named(tmp_path: Path, small_files: Any) -> None:
@@ -190,6 +229,22 @@ def test_an_unreadable_bag_is_named(tmp_path: Path, small_files: Any) -> None:
     file.write_bytes(file.read_bytes()[:5000])
     with pytest.raises(FormatError, match=r"bag: cannot be read as a bag \(.*\)"):
         formats.read(bag)
+
+
+def test_a_bag_that_its_recorder_did_not_finish_says_how_it_is_mended(tmp_path: Path, small_files: Any) -> None:
+    (file,) = small_files.write_joint_bag(tmp_path / "bag", mcap=True).glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-200])
+    with pytest.raises(FormatError, match=rf"{file.name} ends early.*mcap recover"):
+        formats.read(file)
+
+
+def test_efforts_that_are_no_numbers_are_named(tmp_path: Path, small_files: Any) -> None:
+    state = small_files.joint_state
+    messages = [("/joint_states", JOINT_STATE, t + 1.0, state(t + 1.0, ["hip"], [t])) for t in TIME]
+    for _, _, _, message in messages:
+        message.effort = np.array([np.nan])
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    assert "no number in any message of /joint_states: effort/hip" in recording.provenance["warnings"]
 
 
 def test_a_bag_without_numbers_is_named(tmp_path: Path, small_files: Any) -> None:

@@ -112,7 +112,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         with _progress(told, args.budget, quiet=args.quiet) as watcher:
             outcome = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
     except KeyboardInterrupt:
-        told.print("stopped; nothing was written. A smaller --budget ends sooner, with a result")
+        mixed = problem.wish.motion == "mix"  # which ends by a count
+        sooner = "A shorter --duration, or one class (--motion fourier)," if mixed else "A smaller --budget"
+        told.print(f"stopped; nothing was written. {sooner} ends sooner, with a result")
         raise
     expected = expectations(
         problem.criterion, outcome.trajectory, problem.feasibility.limits, density, percent=args.percent

@@ -90,8 +90,8 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
     if back.size:
         i = int(back[0])
         raise ClockError(
-            f"{table.path}, {table.place(i + 1)}: time goes back from {samples.time[i]:.9g} to "
-            f'{samples.time[i + 1]:.9g} s{within} ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
+            f"{table.path}, {table.place(i + 1)}: time goes back from {samples.time[i]:.13g} to "
+            f'{samples.time[i + 1]:.13g} s{within} ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
             'order the rows, or repair = "drop" to leave out those that go back'
         )
     again = np.flatnonzero(once[1:] & (steps == 0.0)) + 1

@@ -31,6 +31,9 @@ def rows_of(message: Any, kind: str) -> Rows:
     """The sample in a message of type `kind`, if it has numbers."""
     joints = joints_of(message)
     stamp = stamp_of(message)
+    if kind.endswith("/DynamicJointState"):
+        values = dict(_interfaces(message, joints))
+        return Rows(((stamp, values),) if values else (), joints)
     values = dict(_numbers(message, "", joints, 0, _REPEATED if kind.endswith("ControllerState") else ()))
     return Rows(((stamp, values),) if values else (), joints)
 
@@ -53,6 +56,13 @@ def stamp_of(message: Any) -> float | None:
 def seconds_of(stamp: Any) -> float:
     """A ROS time or duration in s."""
     return float(stamp.sec) + to_si("ns")[1] * float(stamp.nanosec)
+
+
+def _interfaces(message: Any, joints: Sequence[str]) -> Iterator[tuple[str, float]]:
+    """What each joint's interfaces hold, as a JointState would have it: "position/elbow"."""
+    for joint, of_joint in zip(joints, message.interface_values, strict=False):
+        for interface, value in zip(of_joint.interface_names, of_joint.values, strict=False):
+            yield f"{interface}/{joint}", float(value)
 
 
 def _numbers(

@@ -32,6 +32,13 @@ class Plan:
     """(n, k)."""
     velocities: Array | None
     """(n, k); None where the message has none: then it is followed on straight lines."""
+    stamped: float | None = None
+    """Its header's time in s; None for one that says: from now on."""
+    received: float = 0.0
+
+    def later(self, ahead: float) -> Plan:
+        """The same plan with its header on a clock that is ahead by so many seconds."""
+        return self if self.stamped is None else replace(self, start=self.start + ahead)
 
     def in_order(self, joints: Sequence[str]) -> Plan:
         """The same plan with its joints in this order."""
@@ -54,7 +61,7 @@ def plan_of(message: Any, received: float, stamp: float | None) -> Plan | None:
     moving = all(len(p.velocities) == len(joints) for p in points)
     velocities = np.array([p.velocities for p in points])[later] if moving else None
     positions = np.array([p.positions for p in points])[later]
-    return Plan(received if stamp is None else stamp, joints, after[later], positions, velocities)
+    return Plan(received if stamp is None else stamp, joints, after[later], positions, velocities, stamp, received)
 
 
 def followed(plans: Sequence[Plan], measured: Callable[[float], Array | None]) -> tuple[Array, Array]:

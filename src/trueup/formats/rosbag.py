@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,18 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import FormatError, MissingExtraError
 from trueup.formats import frames
+from trueup.formats.bag_clocks import Stamps, in_order, shifts
 from trueup.formats.messages import Rows, rows_of, stamp_of
 from trueup.formats.planned import KIND, Plan, followed, plan_of
-from trueup.formats.table import Table, numbers, shown
+from trueup.formats.table import Table, listing, numbers, shown
 from trueup.units import to_si
 
-_UNDER_WAY = 1.0  # s; AMCL dates its transforms up to so far ahead
-_JOINT_STATE_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
+_UNITS = {
+    "position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "effort": "N m",
+    "positions": "rad", "velocities": "rad/s", "accelerations": "rad/s^2",
+}  # fmt: skip
+"""Of joints in messages of ROS: SI, by REP 103."""
+_OF_JOINTS = ("/JointState", "/DynamicJointState", "ControllerState", KIND)
 
 
 @dataclass
@@ -29,19 +34,25 @@ class _Topic:
     name: str
     kind: str
     joints: tuple[str, ...]
-    stamps: list[float] = field(default_factory=list)
-    received: list[float] = field(default_factory=list)
+    stamps: Stamps = field(default_factory=Stamps)
     cells: dict[str, list[float | None]] = field(default_factory=dict)
 
     def add(self, received: float, rows: Rows) -> None:
         for stamp, values in rows.samples:
             count = len(self.stamps)
-            self.stamps.append(received if stamp is None else stamp)
-            self.received.append(received)
+            self.stamps.add(stamp, received)
             for name, value in values.items():
                 column = self.cells.setdefault(name, [])
                 column.extend([None] * (count - len(column)))
                 column.append(value)
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """A topic and the instants of its messages (n,), in s."""
+
+    topic: _Topic
+    instants: Array
 
 
 def is_bag(path: Path) -> bool:
@@ -84,16 +95,46 @@ def read(path: Path) -> list[Table]:
         raise
     except Exception as error:  # a damaged bag raises errors of sqlite, of the compression, of the parser, ...
         reason = " ".join(str(error).split())[:300] or type(error).__name__
-        raise FormatError(f"{path}: cannot be read as a bag ({reason})") from error
+        raise FormatError(f"{path}: cannot be read as a bag ({reason}){_cut_off(path)}") from error
     notes = tuple(f"{path.name}: {reason} ({count} messages)" for reason, count in list(warnings.items())[:20])
-    commanded = [_commanded(topic, each, list(topics.values())) for (topic, _), each in plans.items()]
     placed, through = _of_frames(links)
-    everything = [*topics.values(), *commanded, *placed]
-    notes += tuple(f"{path.name}: {said}" for said in (*through, *_one_clock(everything)))
-    tables = _tables(everything, path, notes)
+    everything = [*topics.values(), *placed]
+    moved, said = _one_clock(everything, plans)
+    measured = [_Timed(topic, topic.stamps.instants(moved.get(topic.name, 0.0))) for topic in everything]
+    commanded = [_commanded(topic, each, measured, moved.get(topic, 0.0)) for (topic, _), each in plans.items()]
+    notes += tuple(f"{path.name}: {note}" for note in (*through, *said))
+    tables = _tables([*measured, *commanded], path, notes)
     if not tables:
         raise FormatError(f"{path}: no message with numbers in this bag" + (f"; {'; '.join(notes)}" if notes else ""))
     return tables
+
+
+def _cut_off(path: Path) -> str:
+    """What to do about an MCAP file that its recorder did not finish: it says at its end where everything is."""
+    magic = b"\x89MCAP0\r\n"
+    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+        content = file.read_bytes() if file.suffix.lower() == ".mcap" else b""
+        if content.startswith(magic) and not content[len(magic) :].endswith(magic):
+            return (
+                f": {file.name} ends early, as where the recorder was killed or the disk was full; `mcap recover {file.name} "
+                "-o whole.mcap` makes a file of what is in it"
+            )
+    return ""
+
+
+def _one_clock(
+    topics: Sequence[_Topic], plans: Mapping[tuple[str, frozenset[str]], Sequence[Plan]]
+) -> tuple[dict[str, float], list[str]]:
+    """See `shifts`: the seconds that headers of each topic are moved by."""
+    stamps: dict[str, Stamps] = {}
+    for topic in topics:
+        joined = stamps.setdefault(topic.name, Stamps())
+        for stamped, received in zip(topic.stamps.stamped, topic.stamps.received, strict=True):
+            joined.add(stamped, received)
+    for (name, _), each in plans.items():
+        for plan in each:
+            stamps.setdefault(name, Stamps()).add(plan.stamped, plan.received)
+    return shifts(stamps)
 
 
 def _messages(reader: Any, warnings: dict[str, int]) -> Iterator[tuple[str, str, float, Any]]:
@@ -108,13 +149,14 @@ def _messages(reader: Any, warnings: dict[str, int]) -> Iterator[tuple[str, str,
         yield connection.topic, connection.msgtype, received * to_si("ns")[1], message
 
 
-def _commanded(topic: str, plans: Sequence[Plan], others: Sequence[_Topic]) -> _Topic:
+def _commanded(topic: str, plans: Sequence[Plan], others: Sequence[_Timed], ahead: float) -> _Timed:
     """What trajectories told the joints, sample by sample; the first starts from where they were measured to be."""
     joints = plans[0].joints
-    ordered = [plan.in_order(joints) for plan in plans]
+    ordered = [plan.in_order(joints).later(ahead) for plan in plans]
     time, values = followed(ordered, lambda at: _measured(others, joints, at))
     columns = {f"desired.positions/{joint}": column.tolist() for joint, column in zip(joints, values.T, strict=True)}
-    return _Topic(topic, f"trajectory_msgs/msg{KIND}", joints, time.tolist(), time.tolist(), columns)
+    stamps = Stamps([None] * len(time), time.tolist())
+    return _Timed(_Topic(topic, f"trajectory_msgs/msg{KIND}", joints, stamps, columns), time)
 
 
 def _of_frames(links: frames.Links) -> tuple[list[_Topic], list[str]]:
@@ -124,38 +166,16 @@ def _of_frames(links: frames.Links) -> tuple[list[_Topic], list[str]]:
         return [], []
     through, link = found
     said = [f"/tf is taken as {through}, of {len(links)} links"] if len(links) > 1 else []
-    return [_Topic("/tf", "tf2_msgs/msg/TFMessage", (), link.stamps, link.received, frames.cells(link))], said
+    stamps = Stamps([*link.stamps], link.received)
+    return [_Topic("/tf", "tf2_msgs/msg/TFMessage", (), stamps, frames.cells(link))], said
 
 
-def _one_clock(topics: Sequence[_Topic]) -> list[str]:
-    """Sets headers' times of other clocks than the recorder's to its own where topics have several, and says so.
-
-    A message is on its way for less than _UNDER_WAY: what is stamped further off is by the clock of another computer, or of
-    a simulation. Topics of one such clock keep their times to one another; the quickest of them tells how far off it is.
-    """
-    gaps = [float(np.median(np.subtract(topic.received, topic.stamps))) for topic in topics]
-    if all(abs(gap - gaps[0]) < _UNDER_WAY for gap in gaps):
-        return []
-    said: list[str] = []
-    left = sorted((gap, k) for k, gap in enumerate(gaps) if abs(gap) >= _UNDER_WAY)
-    while left:
-        off = left[0][0]
-        same = [k for gap, k in left if gap - off < _UNDER_WAY]
-        left = left[len(same) :]
-        for k in same:
-            topics[k].stamps = [stamp + off for stamp in topics[k].stamps]
-        names = ", ".join(sorted({topics[k].name for k in same}))
-        where = "behind" if off > 0.0 else "ahead of"
-        said.append(f"{names}: stamped by a clock that is {abs(off):.6g} s {where} the recorder's, and set to that")
-    return said
-
-
-def _measured(topics: Sequence[_Topic], joints: Sequence[str], at: float) -> Array | None:
+def _measured(topics: Sequence[_Timed], joints: Sequence[str], at: float) -> Array | None:
     """(k,) where the joints were last before a time, by the first topic that tells; None where none does."""
-    for topic in topics:
-        columns = [topic.cells.get(f"position/{joint}", []) for joint in joints]
-        before = [i for i, stamp in enumerate(topic.stamps) if stamp <= at]
-        last = [c[before[-1]] if before and len(c) > before[-1] else None for c in columns]
+    for timed in topics:
+        columns = [timed.topic.cells.get(f"position/{joint}", []) for joint in joints]
+        before = np.flatnonzero(timed.instants <= at)
+        last = [c[before[-1]] if len(before) and len(c) > before[-1] else None for c in columns]
         found = [value for value in last if value is not None]
         if len(found) == len(joints):
             return np.array(found, dtype=np.float64)
@@ -168,20 +188,20 @@ def _cause(error: Exception) -> str:
     return shown(str(error) or type(error).__name__)
 
 
-def _tables(topics: Sequence[_Topic], path: Path, notes: tuple[str, ...]) -> list[Table]:
+def _tables(topics: Sequence[_Timed], path: Path, notes: tuple[str, ...]) -> list[Table]:
     """Tables; where one topic carries messages of several publishers, each with its joints, their names differ."""
     tables: list[Table] = []
-    for topic in sorted(topics, key=lambda t: -len(t.stamps) * len(t.cells)):
-        same = sum(table.name.split("#")[0] == topic.name for table in tables)
-        name = f"{topic.name}#{same + 1}" if same else topic.name
-        table = _table(topic, name, path, () if tables else notes)
+    for timed in sorted(topics, key=lambda t: -len(t.instants) * len(t.topic.cells)):
+        same = sum(table.name.split("#")[0] == timed.topic.name for table in tables)
+        name = f"{timed.topic.name}#{same + 1}" if same else timed.topic.name
+        table = _table(timed, name, path, () if tables else notes)
         if table is not None:
             tables.append(table)
     return tables
 
 
-def _table(topic: _Topic, name: str, path: Path, notes: tuple[str, ...]) -> Table | None:
-    length = len(topic.stamps)
+def _table(timed: _Timed, name: str, path: Path, notes: tuple[str, ...]) -> Table | None:
+    topic, length = timed.topic, len(timed.instants)
     columns: dict[str, Array] = {}
     for column, cells in topic.cells.items():
         values = numbers([*cells, *[None] * (length - len(cells))], f"{path}, topic '{name}', '{column}'", "message")
@@ -189,16 +209,14 @@ def _table(topic: _Topic, name: str, path: Path, notes: tuple[str, ...]) -> Tabl
             columns[column] = values
     if not columns:
         return None
-    clock = {"stamp": _array(topic.stamps), "received": _array(topic.received)}
+    nothing = [column for column, values in columns.items() if not np.isfinite(values).any()]
+    if nothing:
+        notes = (*notes, f"{path.name}: no number in any message of {name}: {listing(nothing)}")
+    columns = {"stamp": timed.instants, "received": np.array(topic.stamps.received), **columns}
+    if (order := in_order(timed.instants)) is not None:
+        columns = {column: values[order] for column, values in columns.items()}
     units = {"stamp": "s", "received": "s"}
-    if topic.kind.endswith("/JointState"):
-        for column in columns:
-            units[column] = _JOINT_STATE_UNITS.get(column.split("/")[0], "")
-    return Table(name, f"{path} {name}", {**clock, **columns}, units=units, row_word="message", warnings=notes)
-
-
-def _array(values: Sequence[float]) -> Array:
-    result = numbers(values, "time", "message")
-    if isinstance(result, list):
-        raise FormatError("time of messages is no number")
-    return result
+    if topic.kind.endswith(_OF_JOINTS):
+        for column in list(columns)[2:]:
+            units[column] = _UNITS.get(column.split("/")[0].split(".")[-1], "")
+    return Table(name, f"{path} {name}", columns, units=units, row_word="message", warnings=notes)

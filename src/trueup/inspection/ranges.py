@@ -56,15 +56,16 @@ def shorter(ends: tuple[float, float], low: float, high: float) -> list[str]:
 
 
 def _slid_beyond(joint: str, ends: tuple[float, float], low: float, high: float) -> list[str]:
-    """A sentence where a slide was measured, from `low` to `high` m, further beyond its range than that is long."""
-    whole = ends[1] - ends[0]
-    if low >= ends[0] - whole and high <= ends[1] + whole:
+    """A sentence where a slide was measured, from `low` to `high` m, beyond its range by more than half of that."""
+    beside = 0.5 * (ends[1] - ends[0])  # an opening of two fingers is twice as much as each can go
+    if low >= ends[0] - beside and high <= ends[1] + beside:
         return []
     fits = shorter(ends, low, high)
     why = (
         f"are these {' or '.join(fits)}, or was a unit of angles said for all labels? Give each label its own in the mapping "
         f'(units = ["{fits[0]}", ...])'
-        if fits else "is it the same joint and unit?"
+        if fits else "is it the same joint and unit? The opening between two fingers is twice the way of each (scale = 0.5 "
+        "in the mapping, one for each label)"
     )  # fmt: skip
     return [
         f"joint '{joint}' is measured from {low:.3g} to {high:.3g} m, beyond its range in the model, {ends[0]:.3g} to "

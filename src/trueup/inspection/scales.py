@@ -35,6 +35,8 @@ class Way:
 
     slides: bool
     range: tuple[float, float] | None
+    of: tuple[str, ...] = ()
+    """Of a drive that moves several joints: these, in whose unit it is commanded."""
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -52,6 +54,7 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
     if not without:
         return list(recordings), []
     short, said = _in_millimetres(joints, without)
+    short += [drive for drive, way in joints.items() if way.of and set(way.of) <= set(short)]
     turned = [np.abs(_hinges(joints, r.channel("position"))).ravel() for r in without]
     # Beyond that only slides reach: openings, travels.
     if not hardly_radians(float(np.nanmax(np.concatenate(turned), initial=0.0))):
@@ -73,17 +76,17 @@ def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) 
     """
     slides = [j for j, way in joints.items() if way.slides and way.range is not None]
     short = [j for j in slides if len(v := _unsaid(recordings, j)) and _beyond(joints[j], v) and _inside(joints[j], v)]
-    if all(_share(joints[j], recordings, j) for j in short):
+    if set(short) <= _shares({j: joints[j] for j in slides}, recordings).keys():
         return [], []
     return short, [
         f"positions without a unit of {', '.join(short)} are taken as mm, which fits the range in the model; if they are "
-        "anything else, say so in units, one for each label, in the mapping"
+        "anything else (percent of the way), say so in units, or in scale, one for each label, in the mapping"
     ]
 
 
-def _unsaid(recordings: Sequence[Recording], slide: str) -> Array:
+def _unsaid(recordings: Sequence[Recording], slide: str, channels: Sequence[str] = ("position",)) -> Array:
     """Positions of a slide of which nobody said that they are lengths."""
-    every = [c.column(slide) for r in recordings for c in (r.channels.get("position"),)
+    every = [c.column(slide) for r in recordings for c in map(r.channels.get, channels)
              if c is not None and slide in c.labels and c.unit_of(slide) != "m"]  # fmt: skip
     values = np.concatenate(every) if every else np.zeros(0)
     return values[np.isfinite(values)]
@@ -143,7 +146,7 @@ def of_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tup
     Openings of grippers that are logged as shares (0 ... 1) or percent of the way become lengths; notes say which.
     """
     slides = [j for j, way in joints.items() if way.slides]
-    shares = {label: whole for label in slides if (whole := _share(joints[label], recordings, label))}
+    shares = _shares({label: joints[label] for label in slides}, recordings)
     result = []
     for recording in recordings:
         for channel in recording.channels.values():
@@ -157,15 +160,35 @@ def of_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tup
     return result, [note] if shares else []
 
 
+def _shares(slides: Mapping[str, Way], recordings: Sequence[Recording]) -> dict[str, float]:
+    """What the whole way of each slide is that was logged as shares of it; of drives that move several, by their commands."""
+    found = {label: whole for label, way in slides.items() if (whole := _share(way, recordings, label))}
+    for drive in [label for label in found if slides[label].of]:
+        low, high = slides[drive].ends
+        for joint in slides[
+            drive
+        ].of:  # told from the drive: all of its way is all of theirs, whatever a unit of it moves
+            if joint in slides and _far_beyond(slides[joint], _unsaid(recordings, joint)):
+                found[joint] = found[drive] * (slides[joint].ends[1] - slides[joint].ends[0]) / (high - low)
+    return found
+
+
+def _far_beyond(way: Way, values: Array) -> bool:
+    """Whether positions of a slide are no lengths in m."""
+    return bool(values.size) and float(values.max()) > 2.0 * max(abs(end) for end in way.ends)
+
+
 def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
-    """What the whole way of a slide is in its positions, 1 or 100; 0 where these are lengths, or neither."""
-    values = _unsaid(recordings, slide)
-    if not len(values) or way.range is None:
+    """What the whole way of a slide is in its positions, 1 or 100; 0 where these are lengths, in mm too, or neither."""
+    values = _unsaid(recordings, slide, COMMANDS[:2] if way.of else ("position",))
+    if way.range is None or not _far_beyond(way, values):
         return 0.0
-    largest, beyond = float(values.max()), 2.0 * max(abs(end) for end in way.range)
+    largest = float(values.max())
     for whole in (1.0, 100.0):
+        if whole == 100.0 and _inside(way, values) and way.ends[1] - way.ends[0] < whole * to_si("mm")[1]:
+            return 0.0  # either fits; as mm it goes through more of its way, and people open and close grippers
         beside = _BESIDE * whole
-        if beyond < largest <= whole + beside and values.min() >= -beside and (whole == 1.0 or largest > 2.0):
+        if largest <= whole + beside and values.min() >= -beside and (whole == 1.0 or largest > 2.0):
             return whole
     return 0.0
 

@@ -10,6 +10,7 @@ import mujoco
 from mujoco.batch import Batch, SimulationError
 
 from trueup.cores import cores, worth
+from trueup.engines.mujoco.linkages import Linkages
 
 _HANDOVER = 1e-4
 """s that a batch's other threads take to be given work and waited for, measured on two cores (0.085 ms)."""
@@ -24,6 +25,7 @@ class Batches:
 
     def __init__(self, whole: mujoco.MjModel, bare: mujoco.MjModel, threads: int | None) -> None:
         self.whole, self.bare, self._threads = whole, bare, threads
+        self.linkages = Linkages(bare)
         self._kept: dict[tuple[int, bool, bool, int], Batch] = {}
         self._costs: dict[tuple[bool, bool], float] = {}
 

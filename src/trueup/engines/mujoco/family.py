@@ -19,6 +19,7 @@ from trueup.articulated.model import servos
 from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.calibration import Calibration
 from trueup.engines.family import Family, Note, Request, Suited
+from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.base import check_base, floating, free_joint, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -41,6 +42,7 @@ from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
+from trueup.engines.mujoco.wiring import is_speed_servo
 from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
@@ -51,6 +53,7 @@ from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.pauses import parted_at_pauses
 from trueup.inspection.ranges import beyond_ranges
+from trueup.inspection.scattered import gathered
 from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
 from trueup.inspection.spikes import without_lone_spikes
@@ -123,7 +126,9 @@ class Articulated(Family):
         """See Family: joints by the model's names, commands that its drives take."""
         drives = model.counted()
         others = self.others(model)
-        sound, spikes = _edited([*training, *held_out], "spikes", refuse, without_lone_spikes)
+        known = {*drives, *drives.values(), *others}
+        whole, apart = _edited([*training, *held_out], "names", refuse, lambda rs: gathered(rs, known))
+        sound, spikes = _edited(whole, "spikes", refuse, without_lone_spikes)
         sound, told = _edited(sound, "tendons", refuse, lambda rs: with_joints_told(model, rs))
         named, renamed = _edited(sound, "names", refuse, lambda rs: named_as(rs, drives, others))
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
@@ -137,7 +142,7 @@ class Articulated(Family):
         doubts = self.doubts(model, taken)
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
-        found = (spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
+        found = (apart, spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
         edits = (note for part in found for note in part)
         notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
@@ -155,7 +160,7 @@ class Articulated(Family):
                 found.append(Diagnosis(name, changed.notes[-1]).unless(request.refuse))
                 if found[-1].refused:
                     continue
-                guessed |= change is driven and _servos(changed) > _servos(model)
+                guessed |= change is driven and not _servos(changed) <= _servos(model)
                 model = changed
                 if change is driven and given.is_mjcf:
                     drives = change(given, everything)
@@ -237,8 +242,9 @@ def _stiffness(model: Model) -> dict[str, float]:
     return {f"{q}.{driven.get(servo, servo)}": float(value) for (q, servo), value in shipped.items()}
 
 
-def _servos(model: Model) -> int:
-    return sum(model.is_position_servo(i) for i in range(model.compiled.nactuator))
+def _servos(model: Model) -> set[tuple[int, str]]:
+    m, kinds = model.compiled, {"position": is_position_servo, "speed": is_speed_servo}
+    return {(i, kind) for i in range(m.nactuator) for kind, is_one in kinds.items() if is_one(m, i)}
 
 
 def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from trueup.engines.mujoco.ending import Watch
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import finder
 from trueup.engines.mujoco.stepping import BLOCK, Stepper
-from trueup.engines.mujoco.wiring import Source, activations, source_of, start_state
+from trueup.engines.mujoco.wiring import Source, activations, placed_joints, rest, source_of, start_state
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.rounding import SAME_INSTANT, whole_steps
@@ -149,13 +149,15 @@ class Run:
         if self.simulator.quantities:
             write(self.simulator.quantities, np.tile(own, (len(self.trials), 1)), self.copies)
             self.batch.set_const()
-        model = self.simulator.model
-        self.simulator.gains.scale(model, self.copies, [t.name for t in self.trials], self.candidates)
+        simulator, model = self.simulator, self.simulator.model
+        simulator.gains.scale(model, self.copies, [t.name for t in self.trials], self.candidates)
         qpos, qvel, joints = self.batch.bind("qpos"), self.batch.bind("qvel"), list(model.drives())
         for k, (q, v) in enumerate(self.signals.starts()):
             rows = slice(k * self.candidates, (k + 1) * self.candidates)
             qpos[rows], qvel[rows], places, speeds = start_state(self.compiled, self.trials[k], joints)
             qpos[rows, places], qvel[rows, speeds] = q, v
+            placed = placed_joints(self.compiled, self.trials[k], joints)
+            simulator.batches.linkages.close(rest(self.compiled)[0], qpos[rows], qvel[rows], placed)
             states = {"qvel": qvel[rows]}
             find = finder(model, self.compiled, self.trials[k])
             scatter(self.trials[k], self.candidates, find, lambda f, own=qpos[rows], more=states: more.get(f, own))

@@ -15,7 +15,7 @@ from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
 from trueup.engines.mujoco.attributes import is_motor as is_motor
 from trueup.engines.mujoco.base import columns_of, place
-from trueup.engines.mujoco.gears import SLACK
+from trueup.engines.mujoco.gears import SECOND, SLACK
 from trueup.engines.mujoco.model import Model
 from trueup.errors import unknown_name
 from trueup.recording import Channel
@@ -104,6 +104,14 @@ def actuators_of(model: Model, command: Channel) -> list[int]:
     return [model.index("actuator", name) for name in commanded(model, command)]
 
 
+def is_speed_servo(m: mujoco.MjModel, actuator: int) -> bool:
+    """True where an actuator is a servo of speed: force = kv (command - velocity)."""
+    affine = int(m.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    gain, (_, stiffness, damping) = m.actuator_gainprm[actuator, 0], m.actuator_biasprm[actuator, :3]
+    plain = int(m.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
+    return bool(affine and plain and stiffness == 0.0 and gain > 0.0 and np.isclose(gain, -damping))
+
+
 def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
     """(nq,), (nv,) from which a run begins where nothing was measured: the first keyframe, or the reference pose."""
     if compiled.nkey:
@@ -119,6 +127,14 @@ def start_state(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -
         place(compiled, qpos, qvel, base)
     ids = [joint_id(compiled, j) for j in joints]
     return qpos, qvel, compiled.jnt_qposadr[ids], compiled.jnt_dofadr[ids]
+
+
+def placed_joints(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -> list[int]:
+    """Numbers of the joints that begin a trial where they were measured, and of those that are a gear's play or twist."""
+    position = trial.initial.get("position")
+    measured = () if position is None else [j for j in joints if j in position.labels]
+    inner = [name + suffix for name in joints for suffix in SECOND.values()]
+    return [j for name in (*measured, *inner) if (j := joint_id(compiled, name)) >= 0]
 
 
 def activations(model: Model, first: Array, start: Array) -> Array:

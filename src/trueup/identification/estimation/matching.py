@@ -15,6 +15,7 @@ from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.joint_names import plain_name as plain_name
 from trueup.inspection.joint_names import sure_names
+from trueup.inspection.scattered import gathered
 from trueup.recording import Recording
 
 _CHANNELS = ("position", "velocity", "torque", "current", "load")
@@ -34,6 +35,8 @@ def matched(
     IdentificationError where columns without names fit no joint, or it is open which torque was measured.
     """
     tree = whole.lock(lock)
+    training, apart = gathered(groups[0], whole.joints, filled=True)
+    groups = (training, gathered(groups[1], whole.joints, filled=True)[0])
     named = [[named_by_motion(tree, r, torque) for r in group] for group in groups]
     bare = {r.name for group in named for r, note in group if note}  # their torque is chosen already
     groups = ([r for r, _ in named[0]], [r for r, _ in named[1]])
@@ -42,7 +45,7 @@ def matched(
     )
     names, notes = (
         _names_of_either(whole, tree, labels),
-        list(dict.fromkeys(note for group in named for _, note in group if note)),
+        [*apart, *dict.fromkeys(note for group in named for _, note in group if note)],
     )
     changed = {old: new for old, new in names.items() if old != new}
     if changed and any(plain_name(new) not in plain_name(old) for old, new in changed.items()):

@@ -22,10 +22,10 @@ _LIVE = {"dead_band": 0.5, "punch": 1.0, "friction_static": 1.0, "stribeck_speed
 
 
 def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
-    """Whether every joint of a model is a hinge or a slide with at most one drive, which has no memory, and neither backlash
-    nor a spring that is calibrated.
+    """Whether every joint of a model is a hinge or a slide in no loop, with at most one drive, which has no memory, and
+    neither backlash nor a spring that is calibrated.
     """
-    if compiled.nq != compiled.nv or compiled.na or _beyond(quantities):
+    if compiled.nq != compiled.nv or compiled.na or _closed(compiled) or _beyond(quantities):
         return False
     affine = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     simple = (compiled.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & np.isin(
@@ -34,6 +34,11 @@ def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
     at_joint = compiled.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
     driven = compiled.actuator_trnid[:, 0]
     return compiled.nu > 0 and bool(np.all(simple & at_joint)) and len(np.unique(driven)) == len(driven)
+
+
+def _closed(compiled: mujoco.MjModel) -> bool:
+    """Whether links are joined into loops, through which joints carry one another; fingers that follow one another do not."""
+    return bool(np.any(compiled.eq_type != int(mujoco.mjtEq.mjEQ_JOINT)))
 
 
 def _beyond(quantities: Sequence[Assignment]) -> bool:

@@ -9,11 +9,12 @@ from json import dumps
 import mujoco
 
 from trueup.articulated.pose import in_angles
+from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.proposal import moving_joints
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
-from trueup.engines.mujoco.setup.servos import add_servos
-from trueup.engines.mujoco.wiring import actuators_of, is_motor
+from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
+from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
 from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
@@ -22,38 +23,50 @@ from trueup.trial import COMMANDS, ENABLED, command_of, drives_off
 
 _TORQUE = ("N m", "N")
 _POSITION = ("rad", "m")
+_SPEED = ("rad/s", "m/s")
 
 
 def driven(model: Model, recordings: Sequence[Recording]) -> Model:
     """The model with a drive for each commanded joint: servos or motors where it has no actuator at all, and servos in
-    place of motors that are told positions, which the controller in the robot turned into torques.
+    place of motors that are told positions or speeds, which the controller in the robot turned into torques. Servos of
+    speed take the place of those of position where only speeds were commanded, and the other way round.
 
     Raises ModelError where it does not compile with them.
     """
-    commands = [c for r in recordings for c in (command_of(r),) if c is not None and c.unit in (*_POSITION, *_TORQUE)]
+    commands = [
+        c for r in recordings for c in (command_of(r),) if c is not None and c.unit in (*_POSITION, *_SPEED, *_TORQUE)
+    ]
     if not commands:
         return model
-    bare, torques = not model.compiled.nactuator, commands[0].unit in _TORQUE
+    bare, torques, speeds = (not model.compiled.nactuator, *(commands[0].unit in u for u in (_TORQUE, _SPEED)))
     if bare:
         wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
     else:
-        wanted = [] if torques else _motor_joints(model, commands)
+        wanted = [] if torques else _otherwise_driven(model, commands, speeds=speeds)
     if not wanted:
         return model
     spec = model.spec.copy()
     if torques:
         _add_motors(spec, wanted)
     else:
-        add_servos(spec, model, wanted, recordings)
-    return model.changed(spec, "with actuators added", _said(wanted, bare=bare, torques=torques))
+        (add_speed_servos if speeds else add_servos)(spec, model, wanted, recordings)
+    said = _said(wanted, bare=bare, torques=torques) if not speeds else _said_of_speeds(wanted, bare=bare)
+    return model.changed(spec, "with actuators added", said)
+
+
+def _said_of_speeds(joints: Sequence[str], *, bare: bool) -> str:
+    why = "the model has no actuators, and the recordings command speeds: servos of speed were added" if bare else (
+        "the recordings command speeds, which the model's drives do not take: servos of speed took their place"
+    )  # fmt: skip
+    return f"{why}, whose gain stands for the controller in the robot ({', '.join(joints)})"
 
 
 def _said(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
     where = f"({', '.join(joints)})"
     if not bare:
         return (
-            "the model has motors, the recordings command positions: position servos took their place, whose stiffness "
-            f"and damping stand for the controller in the robot {where}"
+            "the model has motors or servos of speed, the recordings command positions: position servos took their place, "
+            f"whose stiffness and damping stand for the controller in the robot {where}"
         )
     kind = "motors" if torques else "position servos (stiffness and damping to start from: 5 Hz, no overshoot)"
     return f"the model has no actuators: {kind} were added for the commanded joints {where}"
@@ -66,13 +79,16 @@ def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
         actuator.set_to_motor()
 
 
-def _motor_joints(model: Model, commands: Sequence[Channel]) -> list[str]:
-    """Joints with a motor that is commanded positions, under the joint's name or its own."""
+def _otherwise_driven(model: Model, commands: Sequence[Channel], *, speeds: bool) -> list[str]:
+    """Joints that are commanded, under their name or their drive's, what such a drive does not take: positions, or speeds."""
     names, told = model.names("actuator"), {label for c in commands for label in c.labels}
+    other = is_position_servo if speeds else is_speed_servo
     return [
         joint
         for joint, i in model.actuator_of_joint().items()
-        if is_motor(model.compiled, i) and (joint in told or names[i] in told)
+        if (is_motor(model.compiled, i) or other(model.compiled, i))
+        and (joint in told or names[i] in told)
+        and not model.compiled.actuator_actnum[i]  # those with a state make of a command what they will (<intvelocity>)
     ]
 
 
@@ -137,6 +153,7 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     notes += [*more, *still_more, *at_odds(named)]
     kept, cut = [], []
     for recording in named:
+        recording = _with_speeds(model, recording)
         command = command_of(recording)
         torques = [n for n in COMMANDS if recording.has(n) and recording.channel(n).unit in _TORQUE]
         if torques and command is not None and command.name not in torques and _motors(model, command):
@@ -151,6 +168,20 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
             f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
         )
     return kept, notes
+
+
+def _with_speeds(model: Model, recording: Recording) -> Recording:
+    """A recording without commanded positions, where speeds were commanded too and the model's drives take these."""
+    told = {recording.channel(n).unit in _SPEED: n for n in COMMANDS if recording.has(n)}
+    if len(told) < 2 or True not in told:
+        return recording
+    speeds = _actuators(model, recording.channel(told[True])).values()
+    if not speeds or not all(is_speed_servo(model.compiled, i) for i in speeds):
+        return recording
+    for name in COMMANDS:
+        if recording.has(name) and recording.channel(name).unit in _POSITION:
+            recording = recording.without(name)
+    return recording
 
 
 def torques_as_commands(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -201,10 +232,11 @@ def _check(model: Model, recording: Recording) -> None:
     where = f"recording '{recording.name}' commands {command.unit} (channel '{command.name}')"
     if command.unit in _TORQUE:
         drives = _actuators(model, command)
-        servos = [label for label, actuator in drives.items() if model.is_position_servo(actuator)]
-        if servos:
+        servos = [label for label, i in drives.items() if model.is_position_servo(i)]
+        if servos or any(is_speed_servo(model.compiled, i) for i in drives.values()):
+            kind = f"position servos at {', '.join(servos)}" if servos else f"servos of speed at {', '.join(drives)}"
             raise ModelError(
-                f"{where}, but model '{model.path.name}' has position servos at {', '.join(servos)}: give it <motor> "
+                f"{where}, but model '{model.path.name}' has {kind}: give it <motor> "
                 "actuators, or log the commanded positions as 'command'"
             )
 

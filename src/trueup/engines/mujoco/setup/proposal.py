@@ -19,7 +19,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import of_several_joints
-from trueup.engines.mujoco.wiring import is_motor
+from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
 from trueup.trial import command_of
@@ -78,7 +78,7 @@ def propose(
     lines += _punches(model, servos)
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
-    lines += _of_motors(model, motors)
+    lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints)]
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
@@ -135,6 +135,13 @@ def _of_a_floor(height: float) -> list[Declaration]:
         *(Declaration(kind, optional=tilt) for kind, tilt in TILTS.items()),
         Declaration("floor_friction"),
     ]
+
+
+def _of_speed_servos(model: Model, joints: Sequence[str]) -> list[Declaration]:
+    """How hard servos of speed pursue it: files rarely say, and what stands for a controller's loop may be far off."""
+    driven = model.actuator_of_joint()
+    fast = tuple(j for j in joints if j in driven and is_speed_servo(model.compiled, driven[j]))
+    return [Declaration("gain", fast, lower=0.01, upper=100.0)] if fast else []
 
 
 def _of_motors(model: Model, joints: Sequence[str]) -> list[Declaration]:

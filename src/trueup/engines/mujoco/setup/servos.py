@@ -44,6 +44,22 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
             joint.damping = [damping, 0.0, 0.0]
 
 
+def add_speed_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
+    """Servos of speed for `joints` of a spec made from `model`, in place of other drives where they have some.
+
+    They begin as stiff as position servos would be damped: they follow at 5 Hz, and give way to the robot's weight by the
+    speed with which such a servo would sag.
+    """
+    inertia, weight = loads(model, joints, recordings)
+    for name, moved, held in zip(joints, inertia, weight, strict=True):
+        joint = spec.joint(name)
+        if joint.armature == 0.0:
+            joint.armature = _ROTOR * moved
+        joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
+        damping = max(moved * BANDWIDTH, held / (_SAG * BANDWIDTH))
+        _servo(spec, model, name, 0.0, damping, _strongest(model, name))
+
+
 def postures(compiled: mujoco.MjModel, recordings: Sequence[Recording], count: int) -> Iterator[Array]:
     """(nq,) `count` measured postures of each recording; what is not measured as in the model's first keyframe."""
     rest = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
@@ -64,7 +80,9 @@ def postures(compiled: mujoco.MjModel, recordings: Sequence[Recording], count: i
 def _servo(
     spec: mujoco.MjSpec, model: Model, joint: str, stiffness: float, damping: float, force: float
 ) -> None:  # fmt: skip
-    """Adds the servo, or makes it of the joint's motor; `force` is its limit in N m, infinite for none."""
+    """Adds the servo, or makes it of the joint's drive; one of speed without `stiffness`. `force`: its limit in N m, infinite
+    for none.
+    """
     index = model.actuator_of_joint().get(joint, -1)
     if index >= 0:
         actuator = spec.actuators[index]
@@ -74,7 +92,10 @@ def _servo(
     else:
         actuator = spec.add_actuator()
         actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
-    actuator.set_to_position(kp=stiffness, kv=damping)
+    if stiffness:
+        actuator.set_to_position(kp=stiffness, kv=damping)
+    else:
+        actuator.set_to_velocity(kv=damping)
     if np.isfinite(force):
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = [-force, force]

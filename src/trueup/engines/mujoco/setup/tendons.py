@@ -19,14 +19,15 @@ _CHANNELS = ("position", "velocity")
 def with_joints_told(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings with positions and speeds of joints in place of those of drives that pull at fixed tendons, and a note.
 
-    Such a drive moves by a weighed sum of its joints: as many drives as joints tell these. Columns are a drive's by its name;
-    they are left out beside joints that were measured themselves, and stay where they do not tell their joints.
+    Such a drive moves by a weighed sum of its joints: as many drives as joints tell these, or fewer where the model ties
+    joints to one another, as the fingers of a gripper. Columns are a drive's by its name; left out beside joints that were
+    measured themselves, and stay where they do not tell their joints.
     """
-    pulls = _pulls(model)
+    pulled, ties = pulls(model), _ties(model)
     changed, told = [], {}
     for recording in recordings:
-        for name in _CHANNELS if pulls else ():
-            if recording.has(name) and (found := _solved(recording.channel(name), pulls)) is not None:
+        for name in _CHANNELS if pulled else ():
+            if recording.has(name) and (found := _solved(recording.channel(name), pulled, ties)) is not None:
                 recording = recording.with_channel(found[0])
                 told |= found[1]
         changed.append(recording)
@@ -45,7 +46,7 @@ def of_several_joints(model: Model) -> tuple[str, ...]:
     return tuple(name for i, name in enumerate(model.names("actuator")) if name and i not in single)
 
 
-def _pulls(model: Model) -> dict[str, dict[str, float]]:
+def pulls(model: Model) -> dict[str, dict[str, float]]:
     """Drives of fixed tendons, each to its joints and by how much a unit of each moves it."""
     m, joints = model.compiled, model.names("joint")
     found = {}
@@ -61,7 +62,21 @@ def _pulls(model: Model) -> dict[str, dict[str, float]]:
     return found
 
 
-def _solved(channel: Channel, pulls: dict[str, dict[str, float]]) -> tuple[Channel, dict[str, list[str]]] | None:
+def _ties(model: Model) -> list[tuple[dict[str, float], float]]:
+    """Sums of joints that the model's equality constraints hold at a value, of those that are straight lines."""
+    m, joints, found = model.compiled, model.names("joint"), []
+    for i in np.flatnonzero((m.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & m.eq_active0.astype(bool)):
+        one, other = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
+        begin, slope, *bends = (float(c) for c in m.eq_data[i, :5])
+        if other >= 0 and not any(bends):
+            first, second = (float(m.qpos0[m.jnt_qposadr[j]]) for j in (one, other))
+            found.append(({joints[one]: 1.0, joints[other]: -slope}, first + begin - slope * second))
+    return found
+
+
+def _solved(
+    channel: Channel, pulls: dict[str, dict[str, float]], ties: Sequence[tuple[dict[str, float], float]]
+) -> tuple[Channel, dict[str, list[str]]] | None:
     """A channel with the joints that its drives tell, and which drives told which; None where they tell none."""
     own = {plain_name(drive): drive for drive in pulls}
     labels = {label: own[plain_name(label)] for label in channel.labels if plain_name(label) in own}
@@ -69,9 +84,13 @@ def _solved(channel: Channel, pulls: dict[str, dict[str, float]]) -> tuple[Chann
     joints = list(dict.fromkeys(joint for drive in labels.values() for joint in pulls[drive]))
     if not labels or set(labels) & set(joints):
         return None
-    weights = np.array([[pulls[drive].get(joint, 0.0) for joint in joints] for drive in labels.values()])
+    tied = [(tie, at) for tie, at in ties if tie.keys() <= set(joints)]
+    sums = [*(pulls[drive] for drive in labels.values()), *(tie for tie, _ in tied)]
+    held = np.tile([0.0 if channel.name == "velocity" else at for _, at in tied], (len(channel.time), 1))
+    weights = np.array([[one.get(joint, 0.0) for joint in joints] for one in sums])
     measured, open_ = ([j for j in joints if (j in rest) == known] for known in (True, False))
-    left = channel.select(list(labels)).values - _of(channel, measured) @ _columns(weights, joints, measured).T
+    seen = np.concatenate([channel.select(list(labels)).values, held], axis=1)
+    left = seen - _of(channel, measured) @ _columns(weights, joints, measured).T
     solve = _columns(weights, joints, open_)
     if np.linalg.matrix_rank(solve) < len(open_):
         return None

@@ -11,6 +11,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.articulated.wiring import ONSET_OF
 from trueup.calibration import Calibration
+from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.base import free_joint, spared
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -83,7 +84,7 @@ def _held_joint(fitted: Model, known: Model) -> int:
 
 def has_drive(simulator: MujocoSimulator, model: Model, actuator: str) -> bool:
     """Whether a model has an actuator as it is simulated, rather than none or one of another kind."""
-    kinds = [(int(m.actuator_gaintype[i]), int(m.actuator_biastype[i]))
+    kinds = [(int(m.actuator_gaintype[i]), int(m.actuator_biastype[i]), is_position_servo(m, i))
              for m in (model.compiled, simulator.model.compiled)
              for i in (mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator),) if i >= 0]  # fmt: skip
     return len(kinds) == 2 and kinds[0] == kinds[1]

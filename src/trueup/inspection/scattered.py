@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints that were logged apart from the others, as a gripper by a driver and a topic of its own: read with the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from trueup.arrays import Array, Integers
+from trueup.recording import Channel, Recording, is_command
+from trueup.trial import COMMANDS
+
+_KINDS = ("position", "velocity", "torque", "current", *COMMANDS)
+_ALIKE = ({"rad", "m"}, {"rad/s", "m/s"}, {"N m", "N"}, {"A"})
+"""Units that stand beside one another in a channel of hinges and slides."""
+
+
+def gathered(
+    recordings: Sequence[Recording], joints: Collection[str], *, filled: bool = False
+) -> tuple[list[Recording], list[str]]:
+    """Recordings whose channels hold all of the model's `joints` that were logged, and a note.
+
+    A recording has one clock for all joints of a kind, a robot of several drivers one for each. Measurements of the others
+    stand at the instants next to their own (with `filled` at all of them, in between too); commands at theirs.
+    """
+    changed, told = [], dict[str, list[str]]()
+    for recording in recordings:
+        for name, channel in sorted(recording.channels.items(), key=lambda item: -len(item[1].time)):
+            kind = max((k for k in _KINDS if name.startswith(f"{k}_")), key=len, default="")
+            main = recording.channels.get(kind) if name not in _KINDS else None
+            more = [j for j in channel.labels if main is not None and j in joints and j not in main.labels]
+            if main is None or not more or not any({main.unit, channel.unit} <= units for units in _ALIKE):
+                continue
+            recording = recording.without(name).with_channel(_joined(main, channel.select(more), filled=filled))
+            if rest := [label for label in channel.labels if label not in more]:
+                recording = recording.with_channel(channel.select(rest))
+            told[name] = list(dict.fromkeys([*told.get(name, []), *more]))
+        changed.append(recording)
+    said = "; ".join(f"{', '.join(names)} from {name}" for name, names in told.items())
+    return changed, [f"joints that were logged apart from the others are read with these: {said}"] if told else []
+
+
+def _joined(main: Channel, other: Channel, *, filled: bool) -> Channel:
+    """A channel with the joints of both."""
+    time, labels = main.time, (*main.labels, *other.labels)
+    if is_command(main.name):
+        time = np.union1d(main.time, other.time)
+        values = np.concatenate([_given(main, time), _given(other, time)], axis=1)
+    else:
+        seen = other.at(time)
+        if not filled:
+            seen[~np.isin(np.arange(len(time)), _nearest(time, other.time))] = np.nan
+        values = np.concatenate([main.values, seen], axis=1)
+    units = tuple([*(main.unit_of(j) for j in main.labels), *(other.unit_of(j) for j in other.labels)])
+    return main.replace(labels=labels, time=time, values=values, units=units if len(set(units)) > 1 else ())
+
+
+def _given(channel: Channel, time: Array) -> Array:
+    """(T, k) what was commanded at these instants, NaN where nothing was: what was stays in force."""
+    values = np.full((len(time), len(channel.labels)), np.nan)
+    values[np.searchsorted(time, channel.time)] = channel.values
+    return values
+
+
+def _nearest(time: Array, instants: Array) -> Integers:
+    """Which of the times (T,) lie next to an instant each."""
+    after = np.clip(np.searchsorted(time, instants), 1, len(time) - 1)
+    return after - (instants - time[after - 1] < time[after] - instants)
