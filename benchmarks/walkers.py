@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots that walk on four feet under position servos: is what they are made of found from two walks, and a third foretold?
 
-Eight drives, a free base, feet that touch, slide and let go. The simulator is told of none of what differs: gains, friction,
-damping, inertia of drives, mass and centre of the trunk, floor, a command that is one sample late. Only what force scales
-alike (gains, masses, friction, inertia) is seen but for the masses of the legs, which are right: errors are of ratios to the
-stiffness. Beside the calibration stands the same by slopes on whole walks, without windows.
+Eight drives (or twelve: `--twelve`, whose hips roll, too), a free base, feet that touch, slide and let go. The simulator is
+told of none of what differs: gains, friction, damping, inertia of drives, mass and centre of the trunk, floor, a command that
+is one sample late. Only what force scales alike (gains, masses, friction, inertia) is seen but for the masses of the legs,
+which are right: errors are of ratios to the stiffness. Beside the calibration stands the same by slopes on whole walks,
+without windows.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from trueup.recording import Channel, Recording
 Array = NDArray[np.float64]
 
 _LEGS = ("fl", "fr", "hl", "hr")
-JOINTS = tuple(f"{leg}_{part}" for leg in _LEGS for part in ("hip", "knee"))
-_STAND = np.tile([0.8, -1.5], 4)  # rad
+_PARTS = {"roll": 0.0, "hip": 0.8, "knee": -1.5}  # rad, standing
+_SWAY = 0.06  # rad
 _STEP, _RATE, _SECONDS = 0.002, 100.0, 5.0  # s, Hz, s of each walk
 _PEER = "by slopes on whole walks"
 _METHODS = {
@@ -57,27 +58,40 @@ class Walker:
     trunk: float = 5.0
     forward: float = 0.0
     floor: float = 0.8
+    rolls: bool = False
+    """Whether its hips have a drive to roll with."""
 
     @classmethod
-    def drawn(cls, number: int) -> Walker:
+    def drawn(cls, number: int, *, rolls: bool = False) -> Walker:
         """Robot `number`: each of these by up to two fifths off, friction and inertia of drives by up to the double."""
         rng = np.random.default_rng(number)
-        off = {f.name: f.default * np.exp(rng.uniform(-0.35, 0.35)) for f in fields(cls)}
+        off = {f.name: f.default * np.exp(rng.uniform(-0.35, 0.35)) for f in fields(cls) if f.name != "rolls"}
         off["friction"], off["armature"] = (off[n] * np.exp(rng.uniform(0.0, 0.35)) for n in ("friction", "armature"))
-        return cls(**{**off, "forward": rng.uniform(-0.03, 0.03)})
+        return cls(**{**off, "forward": rng.uniform(-0.03, 0.03)}, rolls=rolls)
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """The drives of a leg, and how these stand in rad."""
+        return {part: at for part, at in _PARTS.items() if self.rolls or part != "roll"}
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All drives."""
+        return tuple(f"{leg}_{part}" for leg in _LEGS for part in self.parts)
 
     @property
     def mjcf(self) -> str:
         """The robot as a model file."""
+        roll = '<joint name="{}_roll" axis="1 0 0"/>' if self.rolls else ""
         legs = "".join(
-            f'<body name="{leg}_thigh" pos="{x} {y} 0"><joint name="{leg}_hip" axis="0 1 0"/>'
+            f'<body name="{leg}_thigh" pos="{x} {y} 0">{roll.format(leg)}<joint name="{leg}_hip" axis="0 1 0"/>'
             '<inertial mass="1" pos="0 0 -0.05" diaginertia="0.005 0.005 0.001"/>'
             f'<body name="{leg}_shank" pos="0 0 -0.21"><joint name="{leg}_knee" axis="0 1 0"/>'
             '<inertial mass="0.2" pos="0 0 -0.1" diaginertia="0.001 0.001 0.00005"/>'
             f'<geom name="{leg}_foot" type="sphere" size="0.02" pos="0 0 -0.21"/></body></body>'
             for leg, x, y in zip(_LEGS, (0.19, 0.19, -0.19, -0.19), (0.12, -0.12, 0.12, -0.12), strict=True)
         )
-        servos = "".join(f'<position name="{j}" joint="{j}" kp="{self.kp}" kv="{self.kv}"/>' for j in JOINTS)
+        servos = "".join(f'<position name="{j}" joint="{j}" kp="{self.kp}" kv="{self.kv}"/>' for j in self.joints)
         return f"""<mujoco model="walker"><compiler angle="radian"/>
         <option timestep="{_STEP}" integrator="implicitfast"/>
         <default><joint armature="{self.armature}" damping="{self.damping}" frictionloss="{self.friction}"/></default>
@@ -90,45 +104,49 @@ class Walker:
     def walk(self, name: str, pace: float, height: float, seed: int) -> Recording:
         """A trot at `pace` (Hz) with steps of `height` (rad) as it was measured, commands a sample late."""
         rng, model = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(self.mjcf)
-        data = mujoco.MjData(model)
-        data.qpos[7:], data.ctrl[:] = _STAND, _STAND
+        data, stand = mujoco.MjData(model), np.tile([*self.parts.values()], len(_LEGS))
+        data.qpos[7:], data.ctrl[:] = stand, stand
         mujoco.mj_step(model, data, 1000)
         instants = np.arange(0.0, _SECONDS, 1.0 / _RATE)
-        commands, rows, late = np.array([trot(t, pace, height) for t in instants]), [], _STAND
+        commands, rows, late = np.array([self.trot(t, pace, height) for t in instants]), [], stand
         for command in commands:
             rows.append(np.concatenate([data.qpos[7:], data.qpos[:7]]))
             data.ctrl[:], late = late, command
             mujoco.mj_step(model, data, round(1.0 / _RATE / _STEP))
-        seen = np.array(rows) + rng.normal(0.0, np.repeat([1e-3, 5e-4], [len(JOINTS), 7]), (len(rows), len(JOINTS) + 7))
-        joints, base = seen[:, : len(JOINTS)], seen[:, len(JOINTS) :]
+        seen = np.array(rows) + rng.normal(
+            0.0, np.repeat([1e-3, 5e-4], [len(self.joints), 7]), (len(rows), len(self.joints) + 7)
+        )
+        joints, base = seen[:, : len(self.joints)], seen[:, len(self.joints) :]
         return Recording(name, {
-            "command": Channel("command", JOINTS, "rad", instants, commands),
-            "position": Channel("position", JOINTS, "rad", instants, joints),
+            "command": Channel("command", self.joints, "rad", instants, commands),
+            "position": Channel("position", self.joints, "rad", instants, joints),
             "base_position": Channel("base_position", ("x", "y", "z"), "m", instants, base[:, :3]),
             "base_orientation": Channel("base_orientation", ("w", "x", "y", "z"), "", instants, base[:, 3:]),
         })  # fmt: skip
 
-
-def trot(time: float, pace: float, height: float) -> Array:
-    """(8,) rad commanded after so many s."""
-    command, more = _STAND.copy(), min(1.0, time)
-    for k, phase in enumerate((0.0, np.pi, np.pi, 0.0)):
-        swing = 2.0 * np.pi * pace * time + phase
-        lift = max(0.0, float(np.sin(swing))) * 0.5 * height * more
-        command[2 * k] += 0.2 * height * np.cos(swing) * more + lift
-        command[2 * k + 1] -= 2.0 * lift
-    return command
+    def trot(self, time: float, pace: float, height: float) -> Array:
+        """(n,) rad commanded after so many s; where hips roll it sways."""
+        command, more, each = np.tile([*self.parts.values()], len(_LEGS)), min(1.0, time), len(self.parts)
+        for k, phase in enumerate((0.0, np.pi, np.pi, 0.0)):
+            swing = 2.0 * np.pi * pace * time + phase
+            lift = max(0.0, float(np.sin(swing))) * 0.5 * height * more
+            hip = each * k + each - 2
+            command[hip] += 0.2 * height * np.cos(swing) * more + lift
+            command[hip + 1] -= 2.0 * lift
+            if self.rolls:
+                command[hip - 1] += _SWAY * np.sin(np.pi * pace * time) * more
+        return command
 
 
 def off(found: Calibration, truth: Walker) -> dict[str, float]:
     """By how many % ratios to the stiffness are off, the median over drives."""
     value = {e.name: e.value for e in found.estimates}
-    stiff = np.array([value[f"{j}.kp"] for j in JOINTS]) / truth.kp
-    kv = [value.get(f"{j}.kv", truth.kv) + value.get(f"{j}.damping", truth.damping) for j in JOINTS]
+    stiff = np.array([value[f"{j}.kp"] for j in truth.joints]) / truth.kp
+    kv = [value.get(f"{j}.kv", truth.kv) + value.get(f"{j}.damping", truth.damping) for j in truth.joints]
     ratios = {
         "damping": np.array(kv) / (truth.kv + truth.damping),
-        "friction": np.array([value.get(f"{j}.friction", 0.0) for j in JOINTS]) / truth.friction,
-        "armature": np.array([value.get(f"{j}.armature", 0.0) for j in JOINTS]) / truth.armature,
+        "friction": np.array([value.get(f"{j}.friction", 0.0) for j in truth.joints]) / truth.friction,
+        "armature": np.array([value.get(f"{j}.armature", 0.0) for j in truth.joints]) / truth.armature,
         "mass": np.array([value.get("trunk.mass", 5.0) + 4.8]) / (truth.trunk + 4.8),
     }
     return {name: float(100.0 * np.median(np.abs(ratio / stiff - 1.0))) for name, ratio in ratios.items()}
@@ -157,16 +175,19 @@ def main() -> None:
     """Prints RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one robot in place of three")
-    rows: dict[str, list[tuple[float, float, float]]] = {method: [] for method in _METHODS}
+    parser.add_argument("--twelve", action="store_true", help="robots whose hips roll, calibrated as it comes alone")
+    asked = parser.parse_args()
+    methods = {n: how for n, how in _METHODS.items() if not asked.twelve or n != _PEER}
+    rows: dict[str, list[tuple[float, float, float]]] = {method: [] for method in methods}
     print("robot  method               held out, of the truth's   off, %: damping friction armature mass   CPU s")
-    for number in range(1 if parser.parse_args().quick else 3):
-        robot = Walker.drawn(number)
+    for number in range(1 if asked.quick else 3):
+        robot = Walker.drawn(number, rolls=asked.twelve)
         walks = [robot.walk(f"walk{k}", *how, 10 * number + k) for k, how in enumerate(((2.0, 0.8), (1.5, 0.9)))]
         judged = [robot.walk("judged", 1.7, 1.0, 10 * number + 9)]
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "walker.xml"
-            file.write_text(Walker().mjcf)
-            for method, options in _METHODS.items():
+            file.write_text(Walker(rolls=asked.twelve).mjcf)
+            for method, options in methods.items():
                 began = time.process_time()
                 ready = prepare(file, walks)
                 found = ready.calibrate(options)
@@ -175,6 +196,8 @@ def main() -> None:
                 told = " ".join(f"{apart[n]:8.1f}" for n in ("damping", "friction", "armature", "mass"))
                 print(f"{number:5d}  {method:20s} {error:8.2f}                    {told}   {spent:7.0f}", flush=True)
                 rows[method].append((error, float(np.mean(list(apart.values()))), spent))
+    if asked.twelve:
+        return
     ours, peer = (np.median(r, axis=0).tolist() for r in rows.values())
     result("walkers_held_out", ours[0], "of the truth's", 1.2, peer=_PEER, peer_value=peer[0])
     result("walkers_off", ours[1], "%", 10.0, peer=_PEER, peer_value=peer[1])
