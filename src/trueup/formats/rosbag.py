@@ -86,9 +86,7 @@ def read(path: Path) -> list[Table]:
                     continue
                 if kind.lower().endswith(frames.KIND):
                     frames.take(message, received, links)
-                    continue
-                rows = rows_of(message, kind)
-                if rows.samples:
+                elif (rows := rows_of(message, kind)).samples:
                     key = (topic, frozenset(rows.joints))
                     topics.setdefault(key, _Topic(topic, kind, rows.joints)).add(received, rows)
     except FormatError:

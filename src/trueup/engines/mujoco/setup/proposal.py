@@ -117,10 +117,8 @@ def _as(model: Model, line: Declaration, joint: str, drive: Drive | None) -> Dec
 def _of_springs(model: Model, joints: Sequence[str]) -> list[Declaration]:
     """Those that the file has (legs with springs, elastic drives): what it says of their stiffness is an estimate too."""
     stiffness = {j: float(model.compiled.jnt_stiffness[model.index("joint", j)]) for j in joints}
-    return [
-        Declaration("spring", (j,), lower=k / _SOFTER, upper=k * _SOFTER, scale="log")
-        for j, k in stiffness.items() if k > 0.0
-    ]  # fmt: skip
+    some = {j: k for j, k in stiffness.items() if k > 0.0}
+    return [Declaration("spring", (j,), lower=k / _SOFTER, upper=k * _SOFTER, scale="log") for j, k in some.items()]
 
 
 def _of_stops(stops: Mapping[str, float]) -> list[Declaration]:
