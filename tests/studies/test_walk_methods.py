@@ -85,13 +85,12 @@ def test_sway_foretells_as_many_falls_as_there_are() -> None:
     assert passing(np.array(sway(time[:40], np.zeros((40, 2)), (0.1, 0.1)))) == 0.0
 
 
-def test_guidance_freezes_what_only_costs_falls_and_widens_what_makes_faster() -> None:
+def test_guidance_freezes_what_only_costs_falls_and_leaves_what_makes_faster() -> None:
     scene = Scene(Edge(touchy=True), replace(WALK, runs=4), np.full((4, 1), 0.3))  # type: ignore[arg-type]
     advice = Automatic(runs=16).advice(1, scene, PARAMETERS.nominal, 0.05)
     assert [n for n, free in zip(PARAMETERS.names, advice.space.free, strict=True) if not free] == ["scale_roll"]
-    assert dict(advice.wide) == {"amp_swing": 2.0}
+    assert not advice.wide
     assert any("scale_roll is frozen" in w for w in advice.words)
-    assert any("amp_swing is changed twice as boldly" in w for w in advice.words)
 
 
 def test_an_expert_speaks_from_the_second_round_on_or_as_a_file_says(tmp_path: Path) -> None:
