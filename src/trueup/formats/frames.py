@@ -44,8 +44,10 @@ def take(message: Any, received: float, links: Links) -> None:
     """Adds the transforms of a message that was received at a time in s."""
     for one in message.transforms:
         pair = (str(one.header.frame_id).lstrip("/"), str(one.child_frame_id).lstrip("/"))
-        link, stamp = links.setdefault(pair, Link()), seconds_of(one.header.stamp)
         move, turn = one.transform.translation, one.transform.rotation
+        if not any((turn.x, turn.y, turn.z, turn.w)):
+            continue  # no rotation at all: ROS takes none of these either
+        link, stamp = links.setdefault(pair, Link()), seconds_of(one.header.stamp)
         link.stamps.append(stamp or received)
         link.received.append(received)
         link.poses.append([float(v) for v in (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)])
@@ -82,8 +84,7 @@ def cells(link: Link) -> dict[str, list[float | None]]:
 
 def _composed(outer: Array, inner: Array) -> Array:
     """(T, 7) poses of a frame in the outermost one, from those of its parent there and its own in the parent."""
-    u, w = outer[:, 3:6], outer[:, 6:]
-    v, s = inner[:, 3:6], inner[:, 6:]
-    moved = inner[:, :3] + 2.0 * np.cross(u, np.cross(u, inner[:, :3]) + w * inner[:, :3])
-    real = w * s - np.sum(u * v, axis=1, keepdims=True)
-    return np.hstack([outer[:, :3] + moved, w * v + s * u + np.cross(u, v), real])
+    from scipy.spatial.transform import Rotation  # half a second that other files do not need
+
+    turn = Rotation.from_quat(outer[:, 3:])
+    return np.hstack([outer[:, :3] + turn.apply(inner[:, :3]), (turn * Rotation.from_quat(inner[:, 3:])).as_quat()])

@@ -165,9 +165,7 @@ def _shares(slides: Mapping[str, Way], recordings: Sequence[Recording]) -> dict[
     found = {label: whole for label, way in slides.items() if (whole := _share(way, recordings, label))}
     for drive in [label for label in found if slides[label].of]:
         low, high = slides[drive].ends
-        for joint in slides[
-            drive
-        ].of:  # told from the drive: all of its way is all of theirs, whatever a unit of it moves
+        for joint in slides[drive].of:  # all of its way is all of theirs, whatever a unit of it moves
             if joint in slides and _far_beyond(slides[joint], _unsaid(recordings, joint)):
                 found[joint] = found[drive] * (slides[joint].ends[1] - slides[joint].ends[0]) / (high - low)
     return found

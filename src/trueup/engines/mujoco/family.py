@@ -264,10 +264,9 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
         return read_declarations(request.parameters), []
     if not request.propose:
         return [], []
-    lifted = (
-        model.given is not None and free_joint(model.given.compiled) >= 0
-    )  # where no table is: it stood on its own feet
-    reach, refuse = None if lifted else reach_of(model), request.refuse
+    # A base that is free in the file may have stood on the robot's feet: what stopped these is no table.
+    stands = model.given is not None and free_joint(model.given.compiled) >= 0
+    reach, refuse = None if stands else reach_of(model), request.refuse
     seen = (None if reach is None else stopped_by_floor(reach, training),
             zeros_off(training, moving_joints(model, training)))  # fmt: skip
     found = {d.name: d.unless(refuse) for d in (*seen, stamped_late(request.clocks)) if d is not None}

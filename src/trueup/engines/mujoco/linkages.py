@@ -51,11 +51,11 @@ class Linkages:
             qpos[rows], qvel[rows] = self._closed(begin, state[: m.nq], state[m.nq :], own)
 
     def _walked(self, rest: Array, qpos: Array, own: Integers) -> Array:
-        """(nq,) where strides from the rest to a state lead; remembered, as a run begins there again and again."""
-        key = qpos.tobytes() + own.tobytes()
+        """(nq,) where strides from the rest to the neighbourhood of a state lead; remembered, as many runs begin there."""
+        way = _STRIDE * np.round(self._way(rest, qpos, own) / _STRIDE)
+        key = way.tobytes() + own.tobytes()
         if key not in self._kept:
-            at, way = np.array(rest), self._way(rest, qpos, own)
-            strides = ceil(float(np.max(np.abs(way), initial=0.0)) / _STRIDE)
+            at, strides = np.array(rest), ceil(float(np.max(np.abs(way), initial=0.0)) / _STRIDE)
             for _ in range(strides):
                 mujoco.mj_integratePos(self._model, at, way, 1.0 / strides)
                 self._newton(at, own)
