@@ -27,7 +27,6 @@ from trueup.parameters import Parameter
 from trueup.rounding import TINY
 from trueup.search.robust import robust_losses
 
-_CHORDS = 4  # looks while others settle: a leg's friction has settled in two
 _PLAINLY = 10.0
 """Of what proves one parameter: where slopes leave no doubt, and what settling by slopes may leave of less than a tenth."""
 
@@ -152,13 +151,20 @@ def _settled_below(problem: Problem, fit: Fit, places: Sequence[int], most: floa
 def _settled(problem: Problem, fit: Fit, places: Sequence[int]) -> Array:
     """(k,) the lowest loss with each free parameter of numbers `places` elsewhere while all others settle, by steps with the
     slopes of the fit (J. E. Dennis and R. B. Schnabel, Numerical Methods for Unconstrained Optimization, 1983: the chord
-    method): what one step of them promises may lie beyond where slopes hold.
+    method) until none gains what would prove a parameter: what one step promises may lie beyond where slopes hold.
     """
-    points, lowest = np.repeat(fit.unit[None], len(places), axis=0), np.full(len(places), np.inf)
+    points, lowest, gain = (
+        np.repeat(fit.unit[None], len(places), axis=0),
+        np.full(len(places), np.inf),
+        proof(problem, fit),
+    )
     points[np.arange(len(places)), places] = _elsewhere(fit)[places]
-    for _ in range(_CHORDS if len(places) else 0):
+    while len(places):
         residuals = problem.residuals(fit.space.from_unit(points))
-        lowest = np.fmin(lowest, np.nan_to_num(robust_losses(residuals, fit.bend), nan=np.inf))
+        losses = np.nan_to_num(robust_losses(residuals, fit.bend), nan=np.inf)
+        before, lowest = lowest, np.fmin(lowest, losses)
+        if not np.any(lowest < before - gain):
+            break
         for point, place, residual in zip(points, places, residuals, strict=True):
             others = np.delete(np.arange(len(point)), place)
             if np.isfinite(residual).all():

@@ -135,9 +135,8 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
         good[rows[start:stop]] = True
     ends = [(stop - 1, start) for (_, stop), (start, _) in pairwise(believed)]
     usual = usual_step(time)
-    ways = [
-        (time[[*e]], points[[*e]], angle[rows[[*e]]]) for e in ends
-    ]  # what follows at once jumped: that parts pieces
+    ways = [(time[[*e]], points[[*e]], angle[rows[[*e]]]) for e in ends]
+    # Of two that follow at once one jumped: that parts pieces.
     apart = [e for e, w in zip(ends, ways, strict=True) if e[0] + 1 == e[1] or _jumps(*w, noise, fastest, usual)[0]]
     return good, [(int(rows[last]), int(rows[first])) for last, first in apart]
 
