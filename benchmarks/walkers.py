@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 _LEGS = ("fl", "fr", "hl", "hr")
 _PARTS = {"roll": 0.0, "hip": 0.8, "knee": -1.5}  # rad, standing
 _SWAY = 0.06  # rad
+_INERTIA = (0.02, 0.07, 0.08)  # kg m2 of the trunk, whatever its mass: what is heavier sits in the middle
 _STEP, _RATE, _SECONDS = 0.002, 100.0, 5.0  # s, Hz, s of each walk
 _PEER = "by slopes on whole walks"
 _METHODS = {
@@ -97,7 +98,7 @@ class Walker:
         <default><joint armature="{self.armature}" damping="{self.damping}" frictionloss="{self.friction}"/></default>
         <worldbody><geom name="floor" type="plane" size="9 9 0.1" friction="{self.floor} 0.005 0.0001" priority="1"/>
         <body name="trunk" pos="0 0 0.34"><freejoint/>
-        <inertial mass="{self.trunk}" pos="{self.forward} 0 0" diaginertia="0.02 0.07 0.08"/>
+        <inertial mass="{self.trunk}" pos="{self.forward} 0 0" diaginertia="{" ".join(map(str, _INERTIA))}"/>
         <geom type="box" size="0.2 0.06 0.05" contype="0" conaffinity="0"/>{legs}</body></worldbody>
         <actuator>{servos}</actuator></mujoco>"""
 
@@ -157,11 +158,21 @@ def true_values(ready: Preparation, robot: Walker) -> Array:
     truth = {**{f.name: getattr(robot, f.name) for f in fields(Walker)}, "delay": 1.0 / _RATE, "mass": robot.trunk,
              "com_x": robot.forward, "floor_friction": robot.floor}  # fmt: skip
     space = ready.simulator.parameters
+    if not any(n.endswith(".damping") for n in space.names):  # of servo and joint one is searched, and stands for both
+        truth["kv"] += robot.damping - Walker().damping
     values = space.without([p.name for p in space.parameters if p.optional and p.absent is not None]).nominal
+    radii = 0.5 * sum(_INERTIA) - np.array(_INERTIA)
+    truth |= {f"spread_{a}": float(np.sqrt(r / robot.trunk)) for a, r in zip("xyz", radii, strict=True)}
     own = [
         v if p.optional else truth.get(p.name.split(".")[-1], v) for p, v in zip(space.parameters, values, strict=True)
     ]
     return np.array(own)
+
+
+def held(ready: Preparation, found: Calibration, robot: Walker) -> list[bool]:
+    """Which of the intervals of what is called identified hold what the robot is made of."""
+    truth = dict(zip(ready.simulator.parameters.names, true_values(ready, robot), strict=True))
+    return [e.low <= truth[e.name] <= e.high for e in found.estimates if e.verdict == "identified"]
 
 
 def led(ready: Preparation, values: Array, judged: Sequence[Recording]) -> float:
@@ -179,7 +190,8 @@ def main() -> None:
     asked = parser.parse_args()
     methods = {n: how for n, how in _METHODS.items() if not asked.twelve or n != _PEER}
     rows: dict[str, list[tuple[float, float, float]]] = {method: [] for method in methods}
-    print("robot  method               held out, of the truth's   off, %: damping friction armature mass   CPU s")
+    kept: dict[str, list[bool]] = {method: [] for method in methods}
+    print("robot  method               held out, of the truth's   off, %: damping friction armature mass   CPU s  held")
     for number in range(1 if asked.quick else 3):
         robot = Walker.drawn(number, rolls=asked.twelve)
         walks = [robot.walk(f"walk{k}", *how, 10 * number + k) for k, how in enumerate(((2.0, 0.8), (1.5, 0.9)))]
@@ -194,8 +206,12 @@ def main() -> None:
                 spent, apart = time.process_time() - began, off(found, robot)
                 error = led(ready, found.values, judged) / led(ready, true_values(ready, robot), judged)
                 told = " ".join(f"{apart[n]:8.1f}" for n in ("damping", "friction", "armature", "mass"))
-                print(f"{number:5d}  {method:20s} {error:8.2f}                    {told}   {spent:7.0f}", flush=True)
+                claims = held(ready, found, robot)
+                row = f"{number:5d}  {method:20s} {error:8.2f}                    {told}   {spent:7.0f}"
+                print(f"{row}  {sum(claims)} of {len(claims)}", flush=True)
                 rows[method].append((error, float(np.mean(list(apart.values()))), spent))
+                kept[method] += claims
+    result("walkers_claims_in_intervals", float(np.mean(kept["as it comes"])), "", 0.9)
     if asked.twelve:
         return
     ours, peer = (np.median(r, axis=0).tolist() for r in rows.values())

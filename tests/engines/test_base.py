@@ -16,6 +16,7 @@ from trueup.articulated.pose import angles_of, near, quaternion_of, turning
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
+from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import ModelError
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate
@@ -107,6 +108,21 @@ def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
     assert mass.low < 5.0 < mass.high
     assert mass.value == pytest.approx(5.0, rel=0.12)
     assert kp.value == pytest.approx(48.0, rel=0.05)
+
+
+def test_how_far_the_trunk_s_mass_is_spread_is_asked_and_written(tmp_path: Path) -> None:
+    recordings, _ = _taken(_written(tmp_path), _squats())
+    proposed, _ = simulator_for(tmp_path / "dog.xml", recordings)
+    spreads = {f"trunk.spread_{a}": half / np.sqrt(3.0) for a, half in zip("xyz", (0.2, 0.08, 0.04), strict=True)}
+    at_first = dict(zip(proposed.parameters.names, proposed.parameters.nominal, strict=True))
+    assert {n: at_first[n] for n in spreads} == pytest.approx(spreads)
+    model = load(tmp_path / "dog.xml")
+    lines = [Declaration(kind, ("trunk",)) for kind in ("mass", "spread_x", "spread_z")]
+    write_model(MujocoSimulator(model, *declare(model, lines)), [6.0, 0.1, 0.05], tmp_path / "fit.xml")
+    y = spreads["trunk.spread_y"]
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml")).body("trunk")
+    ours = 6.0 * np.array([y**2 + 0.05**2, 0.1**2 + 0.05**2, 0.1**2 + y**2])
+    assert [*written.mass, *sorted(written.inertia)] == pytest.approx([6.0, *sorted(ours)])
 
 
 def test_a_base_that_one_recording_does_not_show_is_refused_or_starts_at_the_keyframe(tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ ALL = (
     Declaration("friction_creep", tie="all"), Declaration("armature"), Declaration("backlash", ("elbow",)),
     Declaration("gear_backlash", ("shoulder",)), Declaration("gear_compliance", ("shoulder",)),
     Declaration("mass", ("upper",)), Declaration("com_x", ("lower",)), Declaration("inertia_d1", ("lower",)),
+    Declaration("spread_x", ("upper",)), Declaration("spread_z", ("upper",)),
     Declaration("tilt_roll"), Declaration("contact_friction", ("tip",)), Declaration("contact_softness", ("tip",)),
 )  # fmt: skip
 

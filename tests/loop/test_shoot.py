@@ -262,3 +262,31 @@ def test_what_walls_make_rugged_is_found_where_short_parts_lead_to_longer_ones(s
     recording = Recording("run", {"position": Channel("position", ("x",), "m", TIME, (path + noise)[:, None])})
     found = fit(Problem(Ball(), [recording], ByNoise()), SPACE, np.array([1.2]), Watch())  # type: ignore[arg-type]
     assert found.values[0] == pytest.approx(1.0, abs=2e-3)
+
+
+class Thrown(Runner):
+    """Runs straight on, but wherever it begins it ends up aside if it begins far from the way."""
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        done = []
+        for t in trials:
+            time, begun = t.observed["position"].time, start_of(t)
+            aside = abs(begun - t.start) > 6.0 * SIGMA
+            ran = values * time + (30.0 * SIGMA if aside else begun - t.start)
+            done.append(Rollout(t, {"position": ran[..., None]}, {}))
+        return done
+
+
+def test_a_start_from_which_no_slope_leads_is_found_where_the_window_before_ends() -> None:
+    whole = run(np.random.default_rng(2), Thrown())
+    (recording,) = whole.recordings
+    seen = recording.channel("position")
+    kicked = seen.values + 12.0 * SIGMA * (np.abs(TIME - 2.0) < 0.1)[:, None]  # the marker slipped
+    thrown = Problem(Thrown(), [recording.with_channel(seen.replace(values=kicked))], ByNoise())  # type: ignore[arg-type]
+    problem = in_windows(thrown, 0.5)
+    starts = Starts.every(problem)
+    off = [start_of(t) - t.start for t in starts.trials()]
+    assert np.max(off) > 9.0 * SIGMA
+    corrected, _ = starts.corrected(starts.eliminated_from(problem, np.ones(1)), np.ones(1))
+    assert max(abs(start_of(t) - t.start) for t in corrected.trials()) < 2.0 * SIGMA
+    assert Starts.every(thrown).continued(thrown, np.ones(1)) is None

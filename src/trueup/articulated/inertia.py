@@ -25,7 +25,7 @@ COMPONENTS = ("alpha", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
 def log_cholesky(mass: ArrayLike, com: Array, inertia: Array) -> Array:
     """(..., 10) coordinates in the order of COMPONENTS, from mass (...), CoM (..., 3) and inertia about it (..., 3, 3)."""
     masses = np.asarray(mass, dtype=np.float64)
-    spread = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
+    spread = second_moments(inertia)
     # A rod or plate has no spread across: a millionth of the largest keeps the logarithms finite.
     least = np.maximum(1e-6 * np.trace(spread, axis1=-2, axis2=-1), NEGLIGIBLE)[..., None, None]
     reverse = (spread + least * np.eye(3))[..., ::-1, ::-1]
@@ -33,6 +33,11 @@ def log_cholesky(mass: ArrayLike, com: Array, inertia: Array) -> Array:
     d = np.log(np.diagonal(upper, axis1=-2, axis2=-1))
     scaled = np.stack([upper[..., 0, 1], upper[..., 1, 2], upper[..., 0, 2]], axis=-1)
     return np.concatenate([0.5 * np.log(masses)[..., None], d, scaled, com], axis=-1)
+
+
+def second_moments(inertia: Array) -> Array:
+    """(..., 3, 3) sums of mass times distance from the CoM along one axis and along another [kg m2], of inertia about it."""
+    return 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
 
 
 def from_log_cholesky(theta: Array) -> tuple[Array, Array, Array]:

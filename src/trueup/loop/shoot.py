@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.instant import at_instant
+from trueup.instant import Instant, at_instant
 from trueup.loop.condensing import Eliminated, cut
 from trueup.loop.problem import Problem
 from trueup.noise import spread
-from trueup.trial import Trial
+from trueup.rounding import SAME_INSTANT
+from trueup.samples import wrapped
+from trueup.trial import Observed, Trial
 
 SHORTEST = 0.1  # s: the shortest part of a replay; by then a start has shown whether it has an effect
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by side
@@ -115,15 +117,18 @@ class Starts:
     def corrected(self, problem: Problem, values: Array) -> tuple[Starts, float]:
         """Corrections that replay better with values (n,), and by how much more or less than slopes foretell.
 
-        Steps of Levenberg and Marquardt, of several lengths at once; each trial takes its own best, or stays.
+        Steps of Levenberg and Marquardt, of several lengths at once, and beginning where the trial before ends, which leads
+        on from where a touch of the ground lets no step lower the error; each trial takes its own best, or stays.
         """
         begun = problem.plain_residuals(values[None])
         steps = [self.amounts, *(np.array([s.solved(begun[0], d) for s in problem.eliminated]) for d in _DAMPINGS)]
+        if (going_on := self.continued(problem, values)) is not None:
+            steps.append(going_on)
         tried = problem.replayed_by(
             [t for amounts in steps[1:] for t in replace(self, amounts=amounts).trials()],
-            problem.owners * len(_DAMPINGS),
+            problem.owners * (len(steps) - 1),
         )
-        residuals = np.concatenate([begun, tried.plain_residuals(values[None]).reshape(len(_DAMPINGS), -1)])
+        residuals = np.concatenate([begun, tried.plain_residuals(values[None]).reshape(len(steps) - 1, -1)])
         amounts, surprise = np.array(steps), 0.0
         for s in problem.eliminated:
             s.apply(begun)
@@ -133,6 +138,28 @@ class Starts:
             chosen[r] = amounts[losses.argmin(), r]
             surprise += s.size**2 * abs(float(losses.min()) - float(s.loss(begun, np.zeros((1, 1)))[0]))
         return replace(self, amounts=chosen, roots=np.array([s.root() for s in problem.eliminated])), surprise
+
+    def continued(self, problem: Problem, values: Array) -> Array | None:
+        """(R, K) corrections with which each trial begins where the replay of the one before it ends, by values (n,): between
+        windows nothing jumps (the continuity of Bock and Plitt). None where no trial goes on from another; those of here for
+        the first of a recording, and after a replay that fails.
+        """
+        after = [k for k in range(1, len(self.measured)) if _goes_on(self.measured[k - 1], self.measured[k])]
+        if not after:
+            return None
+        step, begun = problem.simulator.step, self.trials()
+        ends = problem.replayed_by([_end(begun[k - 1], step) for k in after], [problem.owners[k - 1] for k in after])
+        amounts = self.amounts.copy()
+        for k, end in zip(after, ends.rollouts(values[None]), strict=True):
+            measured = _instants(self.measured[k])
+            for n, (name, j, order) in enumerate(self.handles):
+                if not end.failures and self.sizes[k, n] and name in end.channels:
+                    before, there, beyond = end.channels[name][0, :, j]
+                    state = measured[name]
+                    more = there - state.value[j] if order == 0 else (beyond - before) / (2.0 * step) - state.speed[j]
+                    turns = order == 0 and self.measured[k].initial[name].unit == "rad"
+                    amounts[k, n] = (wrapped(more) if turns else more) / self.sizes[k, n]
+        return amounts
 
     def first(self, problem: Problem, longest: float) -> tuple[Problem, Starts]:
         """The problem on the first `longest` s of its trials as they were measured, and these for it."""
@@ -156,14 +183,30 @@ class Starts:
         return replace(trial, corrections={n: c for n, c in corrections.items() if c.any()})
 
 
+def _goes_on(before: Trial, trial: Trial) -> bool:
+    """Whether a trial begins where the one before it ends."""
+    return before.name == trial.name and abs(before.start + before.duration - trial.start) < SAME_INSTANT
+
+
+def _end(trial: Trial, step: float) -> Trial:
+    """The trial, observed at its end and a step before and behind."""
+    stop = trial.start + trial.duration
+    around = stop + step * np.array([-1.0, 0.0, 1.0])
+    seen = {n: Observed(c.labels, c.unit, around) for n, c in trial.initial.items() if n in trial.observed}
+    return replace(trial, duration=trial.duration + step, observed=seen)
+
+
 def _sizes(trial: Trial) -> dict[str, Array]:
     """Channel to (2, k) standard deviations of its values and speeds at the trial's start, where they can be told."""
+    return {name: np.nan_to_num([begun.value_sd, begun.speed_sd]) for name, begun in _instants(trial).items()}
+
+
+def _instants(trial: Trial) -> dict[str, Instant]:
+    """Channel to its values and speeds at the trial's start, as measured."""
     speeds = {c.labels: c for c in trial.initial.values() if c.unit.endswith("/s")}
     found = {}
     for name, channel in trial.initial.items():
         paired = speeds.get(channel.labels)
-        begun = at_instant(
-            channel, paired if paired is not None and paired.unit == f"{channel.unit}/s" else None, trial.start
-        )
-        found[name] = np.nan_to_num([begun.value_sd, begun.speed_sd])
+        fits = paired is not None and paired.unit == f"{channel.unit}/s"
+        found[name] = at_instant(channel, paired if fits else None, trial.start)
     return found

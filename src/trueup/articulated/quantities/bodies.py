@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.inertia import COMPONENTS, from_log_cholesky, log_cholesky
+from trueup.articulated.inertia import COMPONENTS, from_log_cholesky, log_cholesky, second_moments
 from trueup.articulated.model import Attributes, Model, Writable
 from trueup.articulated.quantities.quantity import Bounds, Quantity, around, factor
 
@@ -52,6 +52,34 @@ class InertiaComponent(Quantity):
         copies.set("body.inertia", target, inertia)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Spread(Quantity):
+    """How far from its centre of mass a body's mass lies along one of its axes (root mean square): of which its moments of
+    inertia are made, so that all three, whatever they are, belong to a body that can exist.
+    """
+
+    axis: int
+
+    def nominal(self, model: Model, target: str) -> float:
+        """See Quantity."""
+        return float(_spreads(model, target)[0, self.axis])
+
+    def write(self, copies: Writable, target: str, values: Mapping[str, Array]) -> None:
+        """See Quantity."""
+        scaled = np.ones_like(_spreads(copies, target))
+        scaled[:, self.axis] = values[self.name] / _spreads(copies, target)[:, self.axis]
+        moments = second_moments(copies.get("body.inertia", target)) * scaled[:, :, None] * scaled[:, None, :]
+        inertia = np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3) - moments
+        copies.set("body.inertia", target, inertia)
+
+
+def _spreads(copies: Attributes, body: str) -> Array:
+    """(b, 3) in m along the body's axes; of a plate a thousandth of the largest across."""
+    moments = np.diagonal(second_moments(copies.get("body.inertia", body)), axis1=1, axis2=2)
+    least = 1e-6 * moments.max(axis=1, keepdims=True)
+    return np.sqrt(np.maximum(moments, least) / copies.get("body.mass", body)[:, None])
+
+
 def _coordinates(copies: Attributes, body: str) -> Array:
     """(b, 10) in the order of COMPONENTS."""
     return log_cholesky(copies.get("body.mass", body), copies.get("body.com", body), copies.get("body.inertia", body))
@@ -81,6 +109,14 @@ BODIES = (
         CentreOfMass(
             name=f"com_{axis}", family="body", unit="m", title=f"centre of mass, {axis} in the body frame",
             bounds=around(0.1), attributes=("body.com",), axis=i, mirrored=axis == "y",
+        )
+        for i, axis in enumerate("xyz")
+    ),
+    *(
+        Spread(
+            name=f"spread_{axis}", family="body", unit="m", title=f"distance of the mass from its centre along {axis}, rms",
+            scale="log", bounds=factor(2, 2, 1e-4), attributes=("body.inertia",), turn=1, axis=i,
+            shown_by="turning and tilting fast",
         )
         for i, axis in enumerate("xyz")
     ),
