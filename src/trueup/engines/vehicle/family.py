@@ -263,7 +263,7 @@ def _begun_with_noise(
     """
     space, residuals = simulator.parameters, Ahead(simulator, drives).residuals(found.values, drives)
     each = np.concatenate(residuals)
-    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))))
+    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=found.values)
     if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
         return found
     lasting = [n for n in LASTING if n in space.names]
