@@ -171,7 +171,7 @@ def test_a_robot_that_stops_just_short_of_the_end_is_not_said_to_steer_otherwise
     run = drive(task, 0.0, until=9.9)
     position, command = run.channel("position"), run.channel("command")
     drives = position.values[:, :1] < 9.9 - 0.55
-    aside = position.replace(values=np.where(drives, position.values, position.values + [0.0, 0.2]))
+    aside = position.replace(values=np.where(drives, position.values, position.values + np.array([0.0, 0.2])))
     told = command.replace(values=np.where(drives, [0.5, 0.0], [0.0, 0.0]))
     stopped = run.replace(channels={**run.channels, "position": aside, "command": told})
     ((said,),) = robot_doubts(task, [[stopped]], task.parameters.nominal)
