@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from trueup.engines.vehicle.beginning import as_tracked
 from trueup.engines.vehicle.family import STARTS_MATTER
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.vehicle import TURNED
+from trueup.loop.prepare import prepare
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
 from trueup.tracking.past import Past
@@ -205,3 +207,19 @@ def test_noise_of_the_speed_at_a_start_does_not_bend_how_a_speed_is_pursued() ->
         found = least_squares(residual, truth[free], diff_step=1e-2, x_scale=truth[free], max_nfev=15).x
         wrong.append(found / truth[free] - 1.0)
     assert np.sqrt(np.mean(np.square(wrong))) < 0.02
+
+
+def test_whether_a_command_is_slow_or_a_controller_soft_is_told_where_noise_of_starts_is_eliminated(
+    tmp_path: Path,
+) -> None:
+    """The search goes on from where all drives were replayed, and from a slow command in place of the soft controller."""
+    file, drives = tmp_path / "base.toml", []
+    file.write_text("[vehicle]\nwheelbase = 0.4\n")
+    for seed in range(3):
+        recording, _ = log(6.0, 2e-3, seed)
+        told = recording.channel("command").replace(labels=("speed", "turn"), units=("m/s", "rad/s"))
+        drives.append(recording.replace(name=f"drive_{seed}", channels={**recording.channels, "command": told}))
+    found = {e.name: e.value for e in prepare(file, drives).calibrate().estimates}
+    assert found["speed_gain"] == pytest.approx(ROBOT["speed_gain"], rel=0.1)
+    assert found["braking_limit"] == pytest.approx(ROBOT["braking_limit"], rel=0.1)
+    assert [found["speed_lag"], found["speed_delay"]] == pytest.approx([0.0, ROBOT["speed_delay"]], abs=0.02)
