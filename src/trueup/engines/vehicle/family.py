@@ -176,7 +176,8 @@ def slow_in_one_way(estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
     """Estimates of a car that pursues a speed, whose lag and gain are claimed together only.
 
     A speed that follows late is one of a slow command or of a soft controller. What tells them apart is the speed at the
-    start of each prediction, and its noise is forgotten sooner by a stiff controller: the fit prefers that whatever is true.
+    start of each prediction, and its noise is forgotten sooner by a stiff controller: unless that is eliminated, the fit
+    prefers such a one whatever is true, and with it is as sure as the model is right.
     """
     slow = {e.name: e for e in estimates if e.name in ("speed_lag", "speed_gain") and e.fitted}
     if len(slow) < 2 or "identified" not in {e.verdict for e in slow.values()}:
