@@ -188,10 +188,26 @@ def test_a_speed_sideways_is_said_not_to_be_simulated(tmp_path: Path) -> None:
         recording = read([tmp_path / "log.csv"])[0]
         assert ("sideways" in recording.provenance["guesses"]) == bool(sideways.any())
         if sideways.any():
-            with pytest.raises(RecordingError, match=r"sideways is commanded, up to [\d.]+ m/s, as of mecanum"):
+            with pytest.raises(RecordingError, match=r"sideways, as of mecanum.* is commanded, up to [\d.]+ m/s"):
                 driven_by(recording)
             joystick = np.where([[True, True, False]], recording.channel("command").values, 1e-4)
             driven_by(recording.with_channel(recording.channel("command").replace(values=joystick)))
+        else:
+            driven_by(recording)
+
+
+def test_an_angle_of_the_rear_wheels_too_is_said_not_to_be_simulated(tmp_path: Path) -> None:
+    t, _, steering, x, y, heading, speed = drive()
+    for rear in (0.0 * t, 0.5 * steering[::-1]):
+        columns = np.column_stack([t, speed, rear, steering, x, y, heading])
+        names = "t,speed_cmd,rear_steering_cmd,front_steering_cmd,x,y,yaw"
+        np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=names, comments="")
+        recording = read([tmp_path / "log.csv"])[0]
+        assert ("rear_steering_cmd" in recording.provenance["guesses"]) == bool(rear.any())
+        np.testing.assert_allclose(recording.channel("command").column("steering"), steering)
+        if rear.any():
+            with pytest.raises(RecordingError, match=r"rear wheels too, .* is commanded, up to"):
+                driven_by(recording)
         else:
             driven_by(recording)
 

@@ -165,6 +165,19 @@ def test_a_run_that_was_steered_otherwise_than_asked_for_is_told_of() -> None:
     assert "is this the log of this run" in said
 
 
+def test_a_robot_that_stops_just_short_of_the_end_is_not_said_to_steer_otherwise() -> None:
+    """By the noise of a pose one law is beyond the path's end and another, from samples between, is not."""
+    task = FollowPath([STRAIGHT])
+    run = drive(task, 0.0, until=9.9)
+    position, command = run.channel("position"), run.channel("command")
+    drives = position.values[:, :1] < 9.9 - 0.55
+    aside = position.replace(values=np.where(drives, position.values, position.values + np.array([0.0, 0.2])))
+    told = command.replace(values=np.where(drives, [0.5, 0.0], [0.0, 0.0]))
+    stopped = run.replace(channels={**run.channels, "position": aside, "command": told})
+    ((said,),) = robot_doubts(task, [[stopped]], task.parameters.nominal)
+    assert "were not reached" in said
+
+
 def test_a_path_that_no_steering_can_follow_is_named() -> None:
     """A front axle on a circle steers by the arc sine of wheelbase over radius."""
     angle = np.linspace(0.0, 3.0, 200)

@@ -163,7 +163,7 @@ class FollowPath:
         ]
         law.reset(seen[0])
         lawful = np.array([law.command(o)[0] for o in seen])
-        driving = lawful[:, 0] > 0.0  # not beyond the path's end
+        driving = (lawful[:, 0] > 0.0) & (command[:, 0] != 0.0)  # neither is beyond the path's end
         second = np.floor(time - time[0]).astype(int)[driving]
         count = np.maximum(np.bincount(second), 1)
         return np.bincount(second, lawful[driving, 1]) / count, np.bincount(second, command[driving, 1]) / count

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -22,6 +23,11 @@ TOGETHER = (
     "put the files of one drive into one folder, drives/d1/cmd.csv and drives/d1/pose.csv, and give the folder drives"
 )
 """How files that hold a part of one drive each become one recording."""
+BEYOND: Mapping[str, str] = MappingProxyType({
+    "sideways": "a speed sideways, as of mecanum, omni or swerve wheels",
+    "rear_steering": "an angle of the rear wheels too, as of steering on four wheels",
+})  # fmt: skip
+"""Commands, by their labels, of what is not simulated: a vehicle goes ahead and back, and turns by its front wheels."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "curvature", "turn")
 _IDLE = 0.02
@@ -57,7 +63,8 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
             'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s" '
             '(["left_duty", "right_duty"] of PWM)'
         )
-    _refuse_sideways(recording, found, drive)
+    for label, beside in (("sideways", drive), ("rear_steering", steer)):
+        _refuse_beyond(recording, label, found, beside)
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
     time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
@@ -72,17 +79,19 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
 
 
-def _refuse_sideways(recording: Recording, found: Mapping[str, Channel], drive: Channel) -> None:
-    """Raises RecordingError where a speed to the side is commanded beside that ahead: such motion is not simulated."""
-    aside = found.get("sideways")
-    fastest, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (drive, aside or drive))
-    if aside is None or most <= _IDLE * fastest:
+def _refuse_beyond(recording: Recording, label: str, found: Mapping[str, Channel], beside: Channel) -> None:
+    """Raises RecordingError where something is commanded that is not simulated (`BEYOND`), and not as good as nothing
+    `beside` what is.
+    """
+    given = found.get(label)
+    usual, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (beside, given or beside))
+    if given is None or most <= _IDLE * usual:
         return
     raise RecordingError(
-        f"recording '{recording.name}': a speed sideways is commanded, up to {most:.3g} {aside.unit_of('sideways')}".rstrip()
-        + ", as of mecanum, omni or swerve wheels; a vehicle is simulated that goes ahead and back and turns. Give drives in "
-        "which that stays zero, or leave 'sideways' and its column out of [channels.command] in the mapping where it does "
-        "nothing"
+        f"recording '{recording.name}': {BEYOND[label]}, is commanded, up to {most:.3g} {given.unit_of(label)}".rstrip()
+        + "; a vehicle is simulated that goes ahead and back and turns by its front wheels, or by two driven ones. Give "
+        f"drives in which that stays zero, or leave '{label}' and its column out of [channels.command] in the mapping where "
+        "it does nothing"
     )
 
 

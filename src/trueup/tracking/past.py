@@ -49,7 +49,7 @@ class Past:
     """Steps over which the forward speed is taken, by a line through their means."""
 
     doubt: Array
-    """(3,) standard deviations of x, y (m) and heading (rad) as they are seen at an instant."""
+    """(4,) standard deviations of x, y (m), heading (rad) and forward speed (m/s) as they are seen at an instant."""
 
     earliest: int
     """The first instant at which a stretch may begin: before it, there is no grid to settle on."""
@@ -96,7 +96,7 @@ class Past:
         first = round((trial.start - begin) / step)
         seen[first], known[first] = state, True
         return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), np.zeros(3, dtype=np.int64), 2,
-                   np.zeros(3), first)  # fmt: skip
+                   np.zeros(4), first)  # fmt: skip
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
@@ -160,7 +160,7 @@ def _tracked(position: Channel, heading: Channel) -> tuple[Array, Array]:
 def _seen(time: Array, pose: Array, grid: Array, step: float) -> tuple[Array, Mask, int, Array]:
     seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
     if len(time) < 3:
-        return seen, known, 2, np.zeros(3)
+        return seen, known, 2, np.zeros(4)
     near = max(0.06, 2.5 * usual_step(time))
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     measured = (time[after] - time[after - 1] < near) & (grid >= time[0]) & (grid <= time[-1])
@@ -181,9 +181,11 @@ def _seen(time: Array, pose: Array, grid: Array, step: float) -> tuple[Array, Ma
     dx[begins], dy[begins] = dx[begins + 1], dy[begins + 1]
     value, slope = _at_the_end(long, step, 1)
     # Differences belong to the middle of a step.
-    seen[:, 3] = _past_only(np.cos(middle) * dx + np.sin(middle) * dy, value + 0.5 * step * slope)
+    speed = np.cos(middle) * dx + np.sin(middle) * dy
+    seen[:, 3] = _past_only(speed, value + 0.5 * step * slope)
     known = _run_lengths(measured) >= long
-    doubt = [_apart(s, p, known, w) for s, p, w in zip(seen.T[:3], (x, y, angle), (short, short, turn), strict=True)]
+    of = zip(seen.T[:4], (x, y, angle, speed), (short, short, turn, long), strict=True)
+    doubt = [_apart(s, p, known, w) for s, p, w in of]
     return seen, known, long, np.array(doubt)
 
 

@@ -38,6 +38,9 @@ speed that this carries on. Where a drive holds nothing unexplained but the trac
 the first are bent to that, and to the lag of the last samples where the speed changes."""
 
 
+ROUGHLY = ("first seconds", "all, coarse step")
+"""Stages of a search that see a part of the recordings, or all roughly: one that goes on from where a fit of all of them
+has ended would be led away from there."""
 STARTS_MATTER = 0.1
 """Share of what samples of one prediction have in common from which noise of its start is eliminated."""
 
@@ -173,7 +176,8 @@ def slow_in_one_way(estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
     """Estimates of a car that pursues a speed, whose lag and gain are claimed together only.
 
     A speed that follows late is one of a slow command or of a soft controller. What tells them apart is the speed at the
-    start of each prediction, and its noise is forgotten sooner by a stiff controller: the fit prefers that whatever is true.
+    start of each prediction, and its noise is forgotten sooner by a stiff controller: unless that is eliminated, the fit
+    prefers such a one whatever is true, and with it is as sure as the model is right.
     """
     slow = {e.name: e for e in estimates if e.name in ("speed_lag", "speed_gain") and e.fitted}
     if len(slow) < 2 or "identified" not in {e.verdict for e in slow.values()}:
@@ -258,25 +262,36 @@ def with_shares(
 def _begun_with_noise(
     simulator: VehicleSimulator, found: Calibration, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
 ) -> Calibration:
-    """The calibration, searched on from there with noise of the poses at which predictions begin eliminated, where that is
+    """The calibration, searched on from there with noise of the states at which predictions begin eliminated, where that is
     much of what is left: all samples of a stretch share it, so that it moves estimates more than all other noise.
+
+    Whether a speed follows late by a slow command or by a soft controller is told only then, so both are searched from.
     """
     space, residuals = simulator.parameters, Ahead(simulator, drives).residuals(found.values, drives)
     each = np.concatenate(residuals)
-    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))))
+    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=found.values)
     if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
         return found
     lasting = [n for n in LASTING if n in space.names]
-    held = space.freeze(lasting, dict(zip(space.names, found.values, strict=True)))
-    return fit(
-        simulator.searching(held),
-        drives,
-        others,
-        discrepancy=measure,
-        cross_validate=False,
-        again=True,
-        start=found.values,
-    )
+    held = simulator.searching(space.freeze(lasting, dict(zip(space.names, found.values, strict=True))))
+    how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}
+    begun = [found.values, *_late_otherwise(held.parameters, found.values)]
+    ended = [fit(held, drives, others, **how, start=values) for values in begun]
+    return min(ended, key=lambda c: _astray(simulator, c.values, drives))
+
+
+def _late_otherwise(space: ParameterSpace, values: Array) -> list[Array]:
+    """Values (n,) of a vehicle whose command is as slow as its controller was soft, and the other way round; none of one that
+    does not pursue a speed, or of which these are not searched.
+    """
+    names = ("speed_lag", "speed_gain")
+    if any(n not in space.names or space[n].frozen for n in names):
+        return []
+    lag, gain = (space.names.index(n) for n in names)
+    other, (slow, stiff) = np.array(values), (space[n] for n in names)
+    other[lag] = np.clip(1.0 / values[gain], slow.lower, slow.upper)
+    other[gain] = np.clip(1.0 / max(values[lag], 1.0 / stiff.upper), stiff.lower, stiff.upper)
+    return [other]
 
 
 def _astray(simulator: VehicleSimulator, values: Array, drives: Sequence[Recording]) -> float:

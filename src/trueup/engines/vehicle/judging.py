@@ -22,18 +22,18 @@ from trueup.trial import Trial
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What residuals of one stretch have in common with noise of the pose at its start, and how much of it is taken out."""
+    """What residuals of one stretch have in common with noise of its start, and how much of it is taken out."""
 
     places: Integers
     """(m,) of the trial's residuals."""
     directions: Array
-    """(m, 3) orthonormal."""
+    """(m, 4) orthonormal."""
     sizes: Array
-    """(3,) of the noise along these, in units of the residuals' level."""
+    """(4,) of the noise along these, in units of the residuals' level."""
 
     @classmethod
     def of(cls, parts: Sequence[tuple[int, Integers, Array]], inside: Mask, level: float) -> Shared:
-        """From places and changes (m, 3) by a standard deviation of each number, channel by channel."""
+        """From places and changes (m, 4) by a standard deviation of each number, channel by channel."""
         places, changes = np.concatenate([p[1] for p in parts]), np.concatenate([p[2] for p in parts])
         counted = inside[places]
         directions, sizes, _ = np.linalg.svd(changes[counted] / level, full_matrices=False)
@@ -60,13 +60,14 @@ class Ahead:
     """Share of the unit at once; the rest grows with time."""
 
     def __init__(
-        self, simulator: VehicleSimulator, drives: Sequence[Recording] = (), *, level: float | None = None
-    ) -> None:
-        """With the `level` of residuals where drives are replayed best, predictions begin at poses that are measured with
-        noise: corrections of these are eliminated (see `trueup.loop.condensing.Eliminated`), the more, the less of the level
-        other errors are. Without it poses at starts count as exact.
+        self, simulator: VehicleSimulator, drives: Sequence[Recording] = (), *, level: float | None = None,
+        values: Array | None = None,
+    ) -> None:  # fmt: skip
+        """With the `level` of residuals where drives are replayed best, by the `values` (n,), predictions begin at poses and
+        speeds that are measured with noise: corrections of these are eliminated (see
+        `trueup.loop.condensing.Eliminated`), the more, the less of the level other errors are. Without it they are exact.
         """
-        self._simulator, self._level = simulator, level
+        self._simulator, self._level, self._values = simulator, level, values
         self._starts: WeakKeyDictionary[Trial, list[Shared]] = WeakKeyDictionary()
         # A fast car's position is off by metres where its heading is as well predicted as a slow one's.
         speeds = [s for s in (usual_speed(d.channel("position")) for d in drives) if np.isfinite(s)]
@@ -109,7 +110,7 @@ class Ahead:
         return likely / max(seen, TINY)
 
     def _shared(self, real: Recording, trial: Trial) -> list[Shared]:
-        """What the samples of each stretch share of the noise of its first pose: x, y and heading."""
+        """What the samples of each stretch share of the noise of its start: x, y, heading and speed."""
         if trial not in self._starts:
             self._starts[trial] = self._of_stretches(real, trial)
         return self._starts[trial]
@@ -118,6 +119,7 @@ class Ahead:
         columns, first = [], 0
         inside = self.compared(real, trial)
         stretches, doubt = self._simulator.stretches(trial), self._simulator.past(trial).doubt
+        by_speed = self._by_speed(trial, doubt[3])
         for name, o in trial.observed.items():
             since, stretch = stretches(o.time)
             unit = (self.at_once + (1.0 - self.at_once) * since)[:, None] * self.scale(name, o.labels)
@@ -129,13 +131,19 @@ class Ahead:
                         (
                             n,
                             (first + here[:, None] * len(o.labels) + np.arange(len(o.labels))).ravel(),
-                            _moved(o.labels, way[here], unit[here], doubt),
+                            _moved(o.labels, way[here], unit[here], doubt, by_speed[name][here]),
                         )
                     )
             first += len(o.time) * len(o.labels)
         return [
             Shared.of([c for c in columns if c[0] == n], inside, self._level or 1.0) for n in {c[0] for c in columns}
         ]
+
+    def _by_speed(self, trial: Trial, doubt: float) -> dict[str, Array]:
+        """(T, k) by channel: how what is predicted changes with a standard deviation of the speed at the starts."""
+        if self._values is None:
+            return {name: np.zeros((len(o.time), len(o.labels))) for name, o in trial.observed.items()}
+        return self._simulator.moved_by_speed(trial, self._values, doubt)
 
     def compared(self, real: Recording, trial: Trial) -> Mask:
         """(m,) what was measured and predicted."""
@@ -146,15 +154,17 @@ class Ahead:
         return np.concatenate(parts)
 
 
-def _moved(labels: Sequence[str], way: Array, unit: Array, doubt: Array) -> Array:
-    """(T * k, 3) by how much residuals of `labels` change with a standard deviation `doubt` (3,) of x, y and heading at the
-    first of the places `way` (T, 2); unit (T, k).
+def _moved(labels: Sequence[str], way: Array, unit: Array, doubt: Array, by_speed: Array) -> Array:
+    """(T * k, 4) by how much residuals of `labels` change with a standard deviation `doubt` (4,) of x, y and heading at the
+    first of the places `way` (T, 2), and with one of the speed there, `by_speed` (T, k); unit (T, k).
     """
     along = way - way[0]
     turned = {"x": -along[:, 1], "y": along[:, 0]}
-    changes = np.zeros((len(way), len(labels), 3))
+    changes = np.zeros((len(way), len(labels), 4))
     for j, label in enumerate(labels):
         changes[:, j, 2] = turned.get(label, np.ones(len(way)))
         if label in turned:
             changes[:, j, "xy".index(label)] = 1.0
-    return (changes * doubt / unit[:, :, None]).reshape(-1, 3)
+    changes *= doubt
+    changes[:, :, 3] = by_speed
+    return (changes / unit[:, :, None]).reshape(-1, 4)

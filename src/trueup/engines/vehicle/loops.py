@@ -85,12 +85,13 @@ def read_off(
 @njit(cache=True, nogil=True, error_model="numpy")
 def replay_rows(
     rows: Array, dt: float, commands: Array, seen: Array, starts: Integers, pasts: Integers, settle: int, lag: int,
-    log_begin: Integers, first: Integers, times: Array, out: Array,
+    log_begin: Integers, faster: float, first: Integers, times: Array, out: Array,
 ) -> None:  # fmt: skip
     """Open loop for all rows (b, n): stretch j begins at grid instant starts[j], is read at times[first[j]:first[j+1]].
 
     commands (G, 2), seen (G, 5) on the grid; pasts (S,) how many steps of the past are known; times since the start of
-    their stretch, ascending; out (b, len(times), READ). Commands count at any time, what was seen only until the start.
+    their stretch, ascending; out (b, len(times), READ). Commands count at any time, what was seen only until the start, at
+    which the vehicle is `faster` (m/s) than that tells.
     Nobody reacts to noise here, so there is none.
     """
     s, shares, silence = np.empty(STATE), np.empty(2), np.zeros((1, 3))
@@ -105,6 +106,7 @@ def replay_rows(
             if first[j] == first[j + 1]:
                 continue
             begin(p, dt, commands, seen, starts[j], pasts[j], settle, lag, log_begin, shares, s)
+            s[SPEED] += faster
             keep(p, s, history[0])
             steps = math.ceil(times[first[j + 1] - 1] / dt - SAME_INSTANT)
             for k in range(steps):

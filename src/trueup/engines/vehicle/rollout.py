@@ -186,21 +186,13 @@ class VehicleSimulator:
         """Of instants (T,): how long before each its prediction began, as `ahead` has it, and the number of that."""
         return lambda times: self._stretches(trial, times)[:2]
 
-    def predict(self, past: Past, rows: Array, starts: Integers, first: Integers, since: Array) -> Array:
+    def predict(
+        self, past: Past, rows: Array, starts: Integers, first: Integers, since: Array, faster: float = 0.0
+    ) -> Array:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
         out = np.empty((len(rows), len(since), READ))
-        how = (
-            past.step,
-            past.commands,
-            past.seen,
-            starts,
-            past.lengths[starts],
-            past.settle,
-            past.lag,
-            past.log_begin,
-            first,
-            since,
-        )
+        known = past.commands, past.seen, starts, past.lengths[starts], past.settle, past.lag, past.log_begin
+        how = past.step, *known, faster, first, since
         in_threads(lambda i: replay_rows(rows[i], *how, out[i]), len(rows), self._threads or cores(), timed=True)
         return out
 
@@ -218,7 +210,16 @@ class VehicleSimulator:
         told = (since > -SAME_INSTANT) & (since < self.horizon + 1.5 * past.step)
         return np.where(told, np.clip(since, 0.0, self.horizon), np.nan), stretch, starts
 
-    def _replay(self, trial: Trial, rows: Array, read: Reading) -> Array:
+    def moved_by_speed(self, trial: Trial, values: Array, faster: float) -> dict[str, Array]:
+        """(T, k) by channel how values are changed by a speed at the starts of stretches that is `faster` (m/s)."""
+        read, (rows, _) = Reading.of(trial), self.rows(values)
+        as_seen, moved = (
+            read.rollout(trial, self._replay(trial, rows, read, by), None, np.zeros(0, dtype=np.int64), {})
+            for by in (0.0, faster)
+        )
+        return {name: moved.channels[name][0] - channel[0] for name, channel in as_seen.channels.items()}
+
+    def _replay(self, trial: Trial, rows: Array, read: Reading, faster: float = 0.0) -> Array:
         times = read.times + trial.start
         since, stretch, starts = self._stretches(trial, times)
         first = np.searchsorted(stretch, np.arange(len(starts) + 1)).astype(np.int64)
@@ -226,7 +227,7 @@ class VehicleSimulator:
         # Times must not fall within a stretch: those after a gap has ended one early are read where it would have ended.
         idle = np.isnan(since)
         over = times - past.begin > past.step * (starts[0] if len(starts) else np.inf)
-        out = self.predict(past, rows, starts, first, np.where(idle, np.where(over, self.horizon, 0.0), since))
+        out = self.predict(past, rows, starts, first, np.where(idle, np.where(over, self.horizon, 0.0), since), faster)
         out[:, idle] = past.at(times[idle])
         return out
 

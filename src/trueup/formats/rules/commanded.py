@@ -15,6 +15,7 @@ from trueup.formats.rules.rule import Column
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.formats.rules.wheels import Pair
 from trueup.formats.rules.wiring import measured
+from trueup.tracking.commands import BEYOND
 
 _DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "sideways", "erpm", "yaw_rate")
 """Kinds of signals that may drive a vehicle."""
@@ -49,8 +50,9 @@ def commanded(
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
             "says so; if this was measured, name in [channels.command] what was commanded",
         )  # fmt: skip
-    aside, warned = _sideways(told["sideways"])
-    said = (*said, *warned)
+    aside, warned = _beyond("sideways", told["sideways"])
+    behind, also = _beyond("rear_steering", _behind(kinds["steering"]) if steering else ())
+    said = (*said, *warned, *also)
     unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
     if unused and speed:  # Ackermann messages seldom use their acceleration
         throttle = None
@@ -58,23 +60,36 @@ def commanded(
     if steering and ahead:
         brake = best(kinds["brake"]) if throttle else None
         label = "curvature" if steering.kind == "curvature" else "steering"
-        return {**ahead, label: steering, **({"brake": brake} if brake else {})}, said
+        more = {"brake": brake, "rear_steering": behind}
+        return {**ahead, label: steering, **{name: s for name, s in more.items() if s}}, said
     if not (speed and turn and (place or measured(paired))):
         return {}, ()
     return {"speed": speed, "turn": turn, **({"sideways": aside} if aside else {})}, said
 
 
-def _sideways(told: Sequence[Signal]) -> tuple[Signal | None, tuple[str, ...]]:
-    """A commanded speed to the side that is not zero throughout, and what to say of it."""
-    aside = next((s for s in told if np.any(s.column.known != 0.0)), None)
-    warned = "a speed sideways, as of mecanum or omni wheels, is not simulated; take drives without it"
-    return aside, () if aside is None else (f"{aside.column.name}: {warned}",)
+def _beyond(label: str, told: Sequence[Signal]) -> tuple[Signal | None, tuple[str, ...]]:
+    """A command of what is not simulated that is not zero throughout, and what to say of it."""
+    given = next((s for s in told if np.any(s.column.known != 0.0)), None)
+    return given, () if given is None else (
+        f"{given.column.name}: {BEYOND[label]}, is not simulated; take drives without it",
+    )
+
+
+def _behind(steers: Sequence[Signal]) -> list[Signal]:
+    """What turns the rear wheels of a vehicle that steers its front wheels too."""
+    rear = [s for s in steers if "rear" in s.source]
+    return rear if len(rear) < len(steers) else []
 
 
 def _steering(kinds: Mapping[str, list[Signal]], told: Mapping[str, list[Signal]], *, alone: bool) -> Signal | None:
     """What steers: what is called so, a commanded curvature, or, where no joint can be meant, an angle without a name."""
     angles = kinds["angle"] if kinds["throttle"] else told["angle"]
-    return best(kinds["steering"]) or best(told["curvature"]) or (best(angles) if alone else None)
+    rear = _behind(kinds["steering"])
+    return (
+        best([s for s in kinds["steering"] if s not in rear])
+        or best(told["curvature"])
+        or (best(angles) if alone else None)
+    )
 
 
 def _has_joints(signals: Sequence[Signal], columns: Sequence[Column]) -> bool:
