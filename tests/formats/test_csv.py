@@ -302,7 +302,8 @@ def test_lists_as_python_prints_arrays_are_lists(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "full"), [("micros", 2**32), ("t_ms", 2**16), ("tick_ms", 2**16), ("realtime_tick_ms", 2**15), ("t_us", 2**24)]
+    ("name", "full"),
+    [("micros", 2**32), ("t_ms", 2**16), ("tick_ms", 2**16), ("realtime_tick_ms", 2**15), ("t_us", 2**24)],
 )
 def test_a_clock_whose_counter_was_full_goes_on(name: str, full: int, tmp_path: Path) -> None:
     each = 10 if name.endswith("ms") else 10000
