@@ -8,11 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from trueup.arrays import Array
 from trueup.inspection.released import without_released
 from trueup.recording import Channel, Recording
 
 JOINTS = ("yaw", "shoulder", "elbow")
-TIME = 0.01 * np.arange(2000)  # s
+TIME: Array = 0.01 * np.arange(2000, dtype=np.float64)  # s
 WEIGHT = np.array([0.0, -40.0, -20.0])  # rad/s2 by which it pulls at each joint
 
 
