@@ -86,6 +86,28 @@ def test_a_drive_with_a_state_of_its_own_starts_settled(tmp_path: Path, servo: s
     assert off < (0.1 if speed else 3e-3)  # how far an integrator's set point is above the arm is not known
 
 
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "cylinder timeconst='.1'",
+        "muscle force='20' lengthrange='-3 3'",
+        "damper kv='1' ctrlrange='0 1'",
+        "intvelocity kp='20'",
+    ],
+)
+def test_positions_are_told_to_servos_and_not_to_what_takes_something_else(tmp_path: Path, kind: str) -> None:
+    """Pressures, excitations, coefficients and speeds are no positions: an arm told 0.8 rad went its own way."""
+    named = kind.replace(" ", ' name="m" joint="j" ', 1)
+    path = _model(tmp_path, f"<actuator><{named}/></actuator>")
+    time = np.arange(0.0, 3.0, 0.01)
+    rows = np.full((len(time), 1), 0.8)
+    log = Recording("log", {n: Channel(n, ("j",), "rad", time, rows) for n in ("command", "position")})
+    ready = prepare(path, [log])
+    assert any("position servos took their place" in note for note in ready.notes)
+    (run,) = ready.simulator.rollout([Trial.of(log, ["position"])], ready.simulator.parameters.nominal[None])
+    assert np.abs(run.channels["position"] - 0.8).max() < 0.05
+
+
 def test_of_positions_and_torques_a_model_with_motors_takes_the_torques(tmp_path: Path) -> None:
     swing = _swing()
     both = swing.with_channel(swing.channel("position").replace(name="command"))

@@ -146,3 +146,57 @@ def test_a_leg_on_a_rail_is_carried_by_its_foot_and_keeps_its_weight(tmp_path: P
 def test_a_refused_compensation_leaves_the_weight(tmp_path: Path) -> None:
     _, simulator = _ready(tmp_path, PLAIN, _log(held=True), refuse=["gravity"])
     assert not simulator.model.compiled.ngravcomp
+
+
+_FOUR = ("base", "shoulder", "elbow", "wrist")
+_PLACES, _LENGTHS, _MASSES = ((0.05, 0.12, 0.25, 0.22), (0.12, 0.25, 0.22, 0.1), (1.2, 0.9, 0.6, 0.3))
+
+
+def _four(friction: Sequence[float], damping: Sequence[float], armature: Sequence[float]) -> str:
+    """A small arm of four axes, upright, on motors."""
+    links = [
+        f'<body pos="0 0 {place}"><joint name="{name}" axis="{"0 0 1" if name == "base" else "0 1 0"}" frictionloss="{f}" '
+        f'damping="{d}" armature="{a}"/><geom type="capsule" fromto="0 0 0 0 0 {length}" size=".03" mass="{mass}" '
+        'contype="0" conaffinity="0"/>'
+        for name, place, length, mass, f, d, a in zip(
+            _FOUR, _PLACES, _LENGTHS, _MASSES, friction, damping, armature, strict=True
+        )
+    ]
+    motors = "".join(f'<motor name="m_{name}" joint="{name}"/>' for name in _FOUR)
+    return f"<mujoco><worldbody>{''.join(links)}{'</body>' * 4}</worldbody><actuator>{motors}</actuator></mujoco>"
+
+
+def test_an_arm_that_sticks_under_torques_that_hold_its_weight_keeps_it(tmp_path: Path) -> None:
+    """Computed torque of a model without friction: a light wrist sticks, whose torques say nothing of weight either way."""
+    plain = mujoco.MjModel.from_xml_string(_four([0.0] * 4, [0.1] * 4, [0.01] * 4))
+    real = mujoco.MjModel.from_xml_string(
+        _four([0.5, 0.9, 0.5, 0.2], [0.4, 0.5, 0.25, 0.08], [0.03, 0.05, 0.02, 0.006])
+    )
+    real.opt.timestep = 5e-4
+    own, data, rng, rows = mujoco.MjData(plain), mujoco.MjData(real), np.random.default_rng(0), []
+    begin, way = np.array([0.5, -0.3, 1.0, 0.2]), np.array([-0.9, 0.7, -0.9, 0.5])
+    data.qpos[:] = last = begin
+    speed = np.zeros(4)
+    for time in np.arange(0.0, 3.0, 0.01):
+        seen = data.qpos + rng.normal(0.0, 3e-4, 4)
+        speed, last = 0.5 * speed + 50.0 * (seen - last), seen
+        phase, moves = np.pi * min(time / 1.5, 1.0), float(time < 1.5)
+        wanted = begin + way * (0.5 - 0.5 * np.cos(phase))
+        pace, push = (way * 0.5 * (np.pi / 1.5) ** n * moves * f(phase) for n, f in ((1, np.sin), (2, np.cos)))
+        own.qpos[:], own.qvel[:] = seen, speed
+        own.qacc[:] = push + 80.0 * (wanted - seen) + 12.0 * (pace - speed)
+        mujoco.mj_inverse(plain, own)
+        data.ctrl[:] = own.qfrc_inverse
+        rows.append([time, *seen, *data.ctrl])
+        mujoco.mj_step(real, data, 20)
+    times, positions, torques = np.split(np.array(rows), [1, 5], axis=1)
+    log = Recording("log", {
+        "position": Channel("position", _FOUR, "rad", times[:, 0], positions),
+        "command_torque": Channel("command_torque", _FOUR, "N m", times[:, 0], torques),
+    })  # fmt: skip
+    ready, simulator = _ready(tmp_path, _four([0.0] * 4, [0.1] * 4, [0.01] * 4), log)
+    assert "gravity" not in {d.name for d in ready.diagnoses}
+    friction = {p.name: p.nominal for p in simulator.parameters.parameters if p.name.endswith(".friction")}
+    assert (
+        max(friction.values()) < 2.0
+    )  # N m: what moved one way is not given friction and an opposite offset without end

@@ -141,3 +141,17 @@ def test_a_part_of_a_model_is_told_from_a_model(tmp_path: Path) -> None:
 def test_a_body_that_is_nowhere_is_named(tmp_path: Path, place: str) -> None:
     with pytest.raises(ModelError, match=r"body 'fore' is at|does not compile"):
         load(written(tmp_path, NAMELESS.replace("0 0 0.3", place)))
+
+
+def test_a_joint_that_mimics_one_that_is_not_there_is_named(tmp_path: Path) -> None:
+    inertia = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="{{0}}"><inertial><mass value=".1"/>{inertia}</inertial></link>'
+    limit = '<limit lower="0" upper=".04" effort="9" velocity="1"/>'
+    joint = f'<joint name="{{0}}" type="prismatic"><parent link="palm"/><child link="{{1}}"/>{limit}{{2}}</joint>'
+    mimic = '<mimic joint="{0}"/>'
+    for leader, told in (("left", 0), ("lefft", 1)):
+        parts = [link.format(n) for n in ("palm", "l", "r")]
+        parts += [joint.format("left", "l", ""), joint.format("right", "r", mimic.format(leader))]
+        (tmp_path / "hand.urdf").write_text(f'<robot name="hand">{"".join(parts)}</robot>')
+        notes = [n for n in load(tmp_path / "hand.urdf").notes if "mimics 'lefft', which is no joint" in n]
+        assert len(notes) == told

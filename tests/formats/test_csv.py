@@ -301,9 +301,12 @@ def test_lists_as_python_prints_arrays_are_lists(tmp_path: Path) -> None:
     assert log.channel("position").values.tolist() == [[k, 2.0] for k in range(4)]
 
 
-@pytest.mark.parametrize(("name", "full"), [("micros", 2**32), ("t_ms", 2**16)])
+@pytest.mark.parametrize(
+    ("name", "full"),
+    [("micros", 2**32), ("t_ms", 2**16), ("tick_ms", 2**16), ("realtime_tick_ms", 2**15), ("t_us", 2**24)],
+)
 def test_a_clock_whose_counter_was_full_goes_on(name: str, full: int, tmp_path: Path) -> None:
-    each = {"micros": 10000, "t_ms": 10}[name]
+    each = 10 if name.endswith("ms") else 10000
     rows = [f"{(full - 4 * each - 7 + k * each) % full},{k}" for k in range(9)]
     (tmp_path / "log.csv").write_text(f"{name},position\n" + "\n".join(rows) + "\n")
     (log,) = formats.read(tmp_path / "log.csv")

@@ -17,8 +17,10 @@ from trueup.units import canonical, to_si
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 SLOWEST, FASTEST = 2.0, 20_000.0
-# What counters of 16 and 32 bits count until they begin anew [s].
-_ROUNDS = tuple(2.0**bits * to_si(unit)[1] for bits in (16, 32) for unit in ("ms", "us", "ns"))
+COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))
+"""What counters count until they begin anew: words of 16 and 32 bits, with a sign or without, the realtime tick of
+Dynamixel servos (15 bits), the SysTick of ARM's cores (24)."""
+_ROUNDS = tuple(counts * to_si(unit)[1] for counts in COUNTS for unit in ("ms", "us", "ns"))
 _EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
 
 
@@ -104,17 +106,28 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
 
 def _going_on(samples: Samples, table: Table) -> Samples:
     """The samples with a clock that goes on where its counter began anew: where all steps back are whole rounds of one."""
-    steps = np.diff(samples.time)
-    back = np.flatnonzero(steps < 0.0)
-    if not back.size or 2 * back.size > steps.size:
+    whole = round_of(samples.time, _ROUNDS)
+    if not whole:
         return samples
-    usual = float(np.median(steps))
-    for whole in _ROUNDS:
-        if usual > 0.0 and np.all(np.abs(steps[back] + whole - usual) < min(10.0 * usual, 0.1 * whole)):
-            rounds = np.concatenate([[0.0], np.cumsum(steps < 0.0)])
-            warning = f"{table.name}: its clock began anew after {whole:.9g} s ({back.size} times), as full counters do"
-            return Samples(samples.time + whole * rounds, samples.values, (*samples.warnings, warning))
-    return samples
+    times = int(np.count_nonzero(np.diff(samples.time) < 0.0))
+    warning = f"{table.name}: its clock began anew after {whole:.9g} s ({times} times), as full counters do"
+    return Samples(on_and_on(samples.time, whole), samples.values, (*samples.warnings, warning))
+
+
+def round_of(values: Array, wholes: tuple[float, ...]) -> float:
+    """Which of `wholes` a clock (T,) steps back by wherever it steps back; 0.0 where it never does, or by something else."""
+    steps = np.diff(values)
+    back = steps < 0.0
+    usual = float(np.median(steps)) if steps.size else 0.0
+    if not back.any() or usual <= 0.0:
+        return 0.0
+    fits = (w for w in wholes if np.all(np.abs(steps[back] + w - usual) < min(10.0 * usual, 0.1 * w)))
+    return next(fits, 0.0)
+
+
+def on_and_on(values: Array, whole: float) -> Array:
+    """(T,) a clock that goes on wherever its counter began anew."""
+    return values + whole * np.concatenate([[0.0], np.cumsum(np.diff(values) < 0.0)])
 
 
 def row_offset(main: Array, own: Array) -> tuple[float, float]:

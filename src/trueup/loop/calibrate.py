@@ -19,6 +19,7 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.ends import End
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.loop.changed import changes
 from trueup.loop.checks import check
 from trueup.loop.chooser import Chooser
 from trueup.loop.earlier import Earlier
@@ -114,7 +115,7 @@ def calibrate(
         replays=shown,
         cross_validation=_cross_validation(problem, found, [r for r in shown if not r.held_out]) if crossing else (),
         trace=tuple(watch.trace),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *changes(problem, found)),
         seconds=time.perf_counter() - began,
         cpu_seconds=time.process_time() - cpu,
         evaluations=problem.evaluations,

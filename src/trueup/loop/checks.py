@@ -10,6 +10,7 @@ import numpy as np
 from trueup.errors import CalibrationError
 from trueup.inspection.alignment import on_other_clocks
 from trueup.inspection.repeats import BASE, grouped, lost, together
+from trueup.inspection.twice import seen_twice
 from trueup.recording import Channel, Recording, warnings_of
 from trueup.trial import command_of
 from trueup.units import hardly_radians
@@ -27,7 +28,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
     for recording in (*training, *held_out):
         warnings += _about(recording)
     warnings += _silent((*training, *held_out))
-    warnings += on_other_clocks((*training, *held_out)) + _disagreeing(training)
+    warnings += on_other_clocks((*training, *held_out)) + _disagreeing(training) + seen_twice(training, held_out)
     if not held_out:
         warnings.append(
             "no recording was held out (--hold-out NAME, or 30% for the end of each): nothing shows that this fit holds on "

@@ -53,6 +53,7 @@ from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.pauses import parted_at_pauses
 from trueup.inspection.ranges import beyond_ranges
+from trueup.inspection.released import without_released
 from trueup.inspection.scattered import gathered
 from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
@@ -70,7 +71,7 @@ _CHANGES = (
 )  # fmt: skip
 DIAGNOSES = (
     "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "heights",
-    "pauses", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+    "pauses", "released", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 
@@ -143,8 +144,7 @@ class Articulated(Family):
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
         found = (apart, spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
-        edits = (note for part in found for note in part)
-        notes = (*edits, *doubts, *pauses, *others_pauses)
+        notes = (*(note for part in found for note in part), *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
     def simulator(
@@ -293,7 +293,8 @@ def _edited(
 def _in_parts(
     model: Model, recordings: Sequence[Recording], refuse: Collection[str]
 ) -> tuple[list[Recording], list[Diagnosis]]:
-    """Recordings without what cannot be replayed: where nothing was logged, where the robot was held in the air."""
+    """Recordings without what cannot be replayed: where nothing was logged, the drives had let go, the robot was held up."""
     parts, pauses = _edited(recordings, "pauses", refuse, parted_at_pauses)
+    parts, released = _edited(parts, "released", refuse, without_released)
     parts, lifts = _edited(parts, "lifts", refuse, lambda rs: without_lifts(model, rs))
-    return parts, [*pauses, *lifts]
+    return parts, [*pauses, *released, *lifts]

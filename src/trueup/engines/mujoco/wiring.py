@@ -112,6 +112,20 @@ def is_speed_servo(m: mujoco.MjModel, actuator: int) -> bool:
     return bool(affine and plain and stiffness == 0.0 and gain > 0.0 and np.isclose(gain, -damping))
 
 
+def takes(m: mujoco.MjModel, actuator: int, *, speeds: bool) -> bool:
+    """Whether what a drive is told may be a speed, or a position: its force then hangs on how far the joint is from there,
+    and a set point that an integrator makes of speeds (<intvelocity>) is none that may be told. Torques, pressures,
+    excitations of muscles and coefficients of dampers are neither. Plugins take what they will.
+    """
+    if m.actuator_plugin[actuator] >= 0 or int(m.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_PID):
+        return True
+    fixed = int(m.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+    affine = int(m.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    towards = bool(fixed and affine and m.actuator_biasprm[actuator, 1] != 0.0)
+    integrates = int(m.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
+    return is_speed_servo(m, actuator) or (towards and integrates) if speeds else towards and not integrates
+
+
 def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
     """(nq,), (nv,) from which a run begins where nothing was measured: the first keyframe, or the reference pose."""
     if compiled.nkey:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.clock import FASTEST, SLOWEST, guess_unit
+from trueup.formats.clock import COUNTS, FASTEST, SLOWEST, guess_unit, on_and_on, round_of
 from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules.names import is_time, listed, names_its_clock, stem, ticks, words
 from trueup.formats.table import Table, listing
@@ -173,7 +173,7 @@ def _runs(values: Array) -> bool:
 def _runs_evenly(values: Array) -> bool:
     if values.ndim != 1 or len(values) < 3:
         return False
-    steps = np.diff(values)
+    steps = np.diff(on_and_on(values, round_of(values, COUNTS)))
     if not np.all(steps > 0.0):
         return False
     # A column of row numbers is no clock.

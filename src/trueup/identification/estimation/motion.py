@@ -61,14 +61,17 @@ class Motion:
     """Stretches that the log does not hold."""
 
     def span(self) -> tuple[float, float]:
-        """First and last instant in s of the motion, without standstill at either end, where friction may hold any load; of
-        the log, where nothing moves.
+        """First and last instant in s of the motion, without standstill at either end, where friction or a brake may hold
+        any load; of the log, where nothing moves. Noise of speeds is no motion: a joint must get away from where it stood.
         """
-        if np.ptp(self.q, axis=0).max() < STILL:
+        begun, ends = (np.flatnonzero(np.abs(self.q - self.q[k]).max(axis=1) > STILL) for k in (0, -1))
+        if np.ptp(self.q, axis=0).max() < STILL or not (begun.size and ends.size):
             return float(self.time[0]), float(self.time[-1])
         speed = np.abs(self.v).max(axis=1)
         fast = np.flatnonzero(speed > _RESTING * float(np.quantile(speed, 0.99)))
-        return (float(self.time[fast[0]]), float(self.time[fast[-1]])) if fast.size else (0.0, 0.0)
+        if not fast.size:
+            return 0.0, 0.0
+        return float(self.time[max(fast[0], begun[0])]), float(self.time[min(fast[-1], ends[-1])])
 
 
 @dataclass(frozen=True, eq=False)

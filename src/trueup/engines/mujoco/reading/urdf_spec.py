@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from trueup.errors import ModelError
+from trueup.errors import ModelError, listed
 from trueup.model_files.references import find_meshes, mesh_note, without_meshes
 from trueup.model_files.urdf import Element, mend_inertias, parsed
 
@@ -26,8 +26,20 @@ def urdf_spec(file: Path) -> tuple[mujoco.MjSpec, list[str]]:
     notes = [mesh_note(len(lost), sorted(links))] if lost else []
     if massless and len(massless) < len(list(root.iter("link"))):
         notes.append(f"links without <inertial> carry no mass: {', '.join(massless)}")
-    notes += mend_inertias(root)
+    notes += [*_led_by_nothing(root), *mend_inertias(root)]
     return _compilable(file, root, compiler, notes), notes
+
+
+def _led_by_nothing(root: Element) -> list[str]:
+    """A note on each joint that mimics one that the file does not have: MuJoCo leaves it alone without a word."""
+    joints = [joint.get("name", "") for joint in root.iter("joint")]
+    mimics = [(joint.get("name", ""), m.get("joint", "")) for joint in root.iter("joint") for m in joint.iter("mimic")]
+    return [
+        f"joint '{name}' mimics '{leader}', which is no joint of the file, and so moves on its own; joints are: "
+        f"{listed(tuple(j for j in joints if j != name))}"
+        for name, leader in mimics
+        if leader not in joints
+    ]
 
 
 def _compiler(root: Element) -> Element:

@@ -9,12 +9,11 @@ from json import dumps
 import mujoco
 
 from trueup.articulated.pose import in_angles
-from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.proposal import moving_joints
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
-from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo
+from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo, takes
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
 from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
@@ -65,7 +64,7 @@ def _said(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
     where = f"({', '.join(joints)})"
     if not bare:
         return (
-            "the model has motors or servos of speed, the recordings command positions: position servos took their place, "
+            "the recordings command positions, which drives of the model do not take: position servos took their place, "
             f"whose stiffness and damping stand for the controller in the robot {where}"
         )
     kind = "motors" if torques else "position servos (stiffness and damping to start from: 5 Hz, no overshoot)"
@@ -82,13 +81,10 @@ def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
 def _otherwise_driven(model: Model, commands: Sequence[Channel], *, speeds: bool) -> list[str]:
     """Joints that are commanded, under their name or their drive's, what such a drive does not take: positions, or speeds."""
     names, told = model.names("actuator"), {label for c in commands for label in c.labels}
-    other = is_position_servo if speeds else is_speed_servo
     return [
         joint
         for joint, i in model.actuator_of_joint().items()
-        if (is_motor(model.compiled, i) or other(model.compiled, i))
-        and (joint in told or names[i] in told)
-        and not model.compiled.actuator_actnum[i]  # those with a state make of a command what they will (<intvelocity>)
+        if not takes(model.compiled, i, speeds=speeds) and (joint in told or names[i] in told)
     ]
 
 

@@ -45,7 +45,8 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
             shares.append([_unexplained(own, dof, added) / squares for added in (0.0 * weight, weight)])
     held, without = np.mean(shares, axis=0).sum(axis=1) if shares else (0.0, 0.0)
     weighty, weightless = np.concatenate(shares, axis=1) if shares else np.zeros((2, 0))
-    if without >= _EXPLAINED or not evidence(weighty, weightless, weighty).holds:
+    # By what either leaves: stretches that weight explains and its absence does not would not count by the first alone.
+    if without >= _EXPLAINED or not evidence(weighty, weightless, weighty + weightless).holds:
         return model
     spec = model.spec.copy()
     for body in spec.bodies[1:]:

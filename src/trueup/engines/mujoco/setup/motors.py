@@ -43,6 +43,8 @@ _FEWEST = 4
 """Stretches, each as long as speeds are smoothed over, in which a joint must move: as many as there are unknowns."""
 _HELD = 2.0
 """Times the largest torque that moved nothing: a joint that stood still has at least that much friction."""
+_SHORT = 1e-6
+"""Of the size of what they weigh: coefficients that nothing tells are drawn to zero by so much, far below what is told."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,10 @@ def of_a_drive(columns: Array, extra: Array) -> Array:
     """(4,) friction, damping and armature, none below zero, and an offset for what the rigid robot's gravity lacks."""
     size = np.maximum(np.abs(columns).max(axis=0), TINY)
     least = np.array([0.0, 0.0, 0.0, -np.inf])
-    # of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution
-    return lsq_linear(columns / size, extra, (least, np.full(4, np.inf)), method="bvls").x / size
+    # Of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution.
+    short = np.sqrt(len(columns)) * _SHORT * np.eye(4)
+    rows, right = np.concatenate([columns / size, short]), np.concatenate([extra, np.zeros(4)])
+    return lsq_linear(rows, right, (least, np.full(4, np.inf)), method="bvls").x / size
 
 
 def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:

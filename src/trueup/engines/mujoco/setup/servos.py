@@ -27,7 +27,7 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
 
     Stiffness such that the joint follows at 5 Hz and carries the robot, damping such that it does not overshoot: a start
     for a calibration, which finds the rest. Where force is limited the damping is the servo's, within that limit as in
-    a real one; else it is the joint's, which is the same, if the file has none there.
+    a real one; else it is the joint's, which is the same.
     """
     inertia, weight = loads(model, joints, recordings)
     for name, moved, held in zip(joints, inertia, weight, strict=True):
@@ -40,8 +40,10 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
         damping = 2.0 * float(np.sqrt(stiffness * moved))
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]  # the servo has it now
         _servo(spec, model, name, stiffness, damping if np.isfinite(force) else 0.0, force)
-        if not np.isfinite(force) and not np.any(joint.damping):
-            joint.damping = [damping, 0.0, 0.0]
+        if (
+            not np.isfinite(force) and joint.damping[0] < damping
+        ):  # a file's own is friction, beside which it would swing
+            joint.damping = [damping, *joint.damping[1:]]
 
 
 def add_speed_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
@@ -89,6 +91,8 @@ def _servo(
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
         actuator.ctrlrange = [0.0, 0.0]
+        actuator.dyntype, actuator.actlimited = mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator.actrange = [0.0, 0.0]
     else:
         actuator = spec.add_actuator()
         actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT

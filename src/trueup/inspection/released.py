@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stretches in which the drives had let go, as after an emergency stop: no joint follows its command.
+
+A servo that is on pulls its joint to its command. Where it is too slow or too weak for that, its joint is on its way, or
+rests as if before a wall while the other joints follow; all joints stray at once where nothing drives them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from trueup.arrays import Array, Mask
+from trueup.inspection.inspection import Gap
+from trueup.inspection.pauses import parts_between
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+_FAR = 0.2
+"""rad or m beside the command: further than the zero of a servo is searched (`inspection.zeros`)."""
+_USUAL = 6.0
+"""Times what a joint is usually beside its command (the median): motion of any kind stays within about three."""
+_LONG = 0.5
+"""s: servos settle faster (as in `inspection.zeros`); half of it before and behind is left out too, since it shows late that
+nothing pulls, and a drive that is switched on again begins with a jerk."""
+_NEAR = 0.9
+"""Of the samples that are not so far beside: joints follow that are beside their commands as in that share of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """How far joints of a recording are beside their commands."""
+
+    time: Array
+    """(T,) in s."""
+    joints: tuple[str, ...]
+    position: Array
+    """(T, k) rad or m."""
+    told: Array
+    """(T, k) the commands in force then."""
+
+    @property
+    def apart(self) -> Array:
+        """(T, k) position less command."""
+        return self.position - self.told
+
+
+def without_released(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings in parts between stretches in which the drives had let go, and notes; the others are the same objects."""
+    result, notes = [], []
+    usual = _usual([a for r in recordings if (a := _apart(r)) is not None])
+    for recording in recordings:
+        apart = _apart(recording)
+        found = _released(apart, np.array([usual[j] for j in apart.joints])) if apart is not None else []
+        parts = parts_between(recording, found) if found else []
+        if apart is None or not parts:
+            result.append(recording)
+            continue
+        result += parts
+        spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in found[:3])
+        notes.append(
+            f"in '{recording.name}' no joint follows its command ({spans}{' ...' * (len(found) > 3)}; "
+            f"{_furthest(apart, found, usual)}): the drives had let go, as after an emergency stop. That is left out, and "
+            f"it is replayed as {', '.join(repr(p.name) for p in parts)}, each from where the robot was measured to be"
+        )
+    return result, notes
+
+
+def _apart(recording: Recording) -> _Apart | None:
+    """None where no joint has a position and a command of one unit."""
+    command, position = command_of(recording), recording.channels.get("position")
+    if command is None or position is None or command.unit != position.unit:
+        return None
+    joints = tuple(j for j in position.labels if j in command.labels)
+    if not joints:
+        return None
+    told, there = command.select(joints).at(position.time, hold=True), position.select(joints).values
+    good = np.isfinite(told).all(axis=1) & np.isfinite(there).all(axis=1)
+    return _Apart(position.time[good], joints, there[good], told[good]) if np.count_nonzero(good) > 2 else None
+
+
+def _usual(every: Sequence[_Apart]) -> dict[str, float]:
+    """How far each joint is beside its command, in the median over all recordings."""
+    by: dict[str, list[Array]] = {}
+    for one in every:
+        for joint, column in zip(one.joints, np.abs(one.apart).T, strict=True):
+            by.setdefault(joint, []).append(column)
+    return {joint: float(np.median(np.concatenate(columns))) for joint, columns in by.items()}
+
+
+def _released(one: _Apart, usual: Array) -> list[Gap]:
+    """Where the drives had let go, with what hangs on that before and behind; `usual` (k,) as `_usual`."""
+    far = _stuck(one, np.maximum(_FAR, _USUAL * usual)).any(axis=1)
+    stuck = _runs(far, one.time)
+    if not stuck or far.all():
+        return []
+    near = np.quantile(np.abs(one.apart[~far]), _NEAR, axis=0)
+    close = (np.abs(one.apart) <= np.maximum(near, usual)).all(axis=1)
+    spans: list[tuple[int, int]] = []
+    for first, last in stuck:
+        before, after = np.flatnonzero(close[:first]), np.flatnonzero(close[last:])
+        span = int(before[-1]) if len(before) else 0, last + int(after[0]) if len(after) else len(one.time) - 1
+        if not spans or span[0] > spans[-1][1]:
+            spans.append(span)
+    outside = np.ones(len(one.time), dtype=bool)
+    for begin, end in spans:
+        outside[begin : end + 1] = False
+    follows = np.abs(one.apart[outside]).max(axis=0, initial=0.0)
+    gaps = [(one.time[a] - 0.5 * _LONG, one.time[b] + 0.5 * _LONG) for a, b in spans if _let_go(one, a, b, follows)]
+    return [Gap(max(float(one.time[0]), float(a)), float(b - max(one.time[0], a))) for a, b in gaps]
+
+
+def _stuck(one: _Apart, far: Array) -> Mask:
+    """(T, k) whether a joint is far beside its command and not on its way there."""
+    window = 0.2 * _LONG
+    later = np.minimum(np.searchsorted(one.time, one.time + window), len(one.time) - 1)
+    earlier = np.maximum(np.searchsorted(one.time, one.time - window), 0)
+    towards = (one.position[later] - one.position[earlier]) * -np.sign(one.apart)
+    # A joint that needs more than ten times as long as servos settle in is not on its way.
+    return (np.abs(one.apart) > far) & (towards < np.abs(one.apart) * 2.0 * window / (10.0 * _LONG))
+
+
+def _runs(mask: Mask, time: Array) -> list[tuple[int, int]]:
+    """First and last of the samples of each stretch that lasts long enough."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
+    return [(int(a), int(b) - 1) for a, b in edges if time[b - 1] - time[a] >= _LONG]
+
+
+def _let_go(one: _Apart, begin: int, end: int, follows: Array) -> bool:
+    """Whether all joints that were told to move strayed, and another left its command by itself where fewer than two were.
+
+    `follows` (k,): how far joints are beside their commands elsewhere, at most.
+    """
+    there, told = one.position[begin : end + 1], one.told[begin : end + 1]
+    strayed = (np.abs(there - told) > follows).any(axis=0)
+    asked = np.ptp(told, axis=0) > 2.0 * follows  # so far that it shows whether they followed
+    if not strayed[asked].all() or np.count_nonzero(strayed) < 2:
+        return False
+    away = np.diff(there, axis=0) * np.sign(there - told)[1:]
+    left = np.where(away > 0.0, away, 0.0).sum(axis=0) - np.abs(np.diff(told, axis=0)).sum(axis=0)
+    return bool(np.count_nonzero(asked) > 1 or (left > _FAR)[~asked].any())
+
+
+def _furthest(one: _Apart, found: Sequence[Gap], usual: dict[str, float]) -> str:
+    """The joint that strayed furthest, in words."""
+    inside = np.any([(one.time >= g.start) & (one.time <= g.start + g.duration) for g in found], axis=0)
+    most = np.abs(one.apart[inside]).max(axis=0)
+    k = int(np.argmax(most))
+    return f"{one.joints[k]} is up to {most[k]:.3g} rad or m beside it, elsewhere {usual[one.joints[k]]:.2g}"
