@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trueup.articulated.pose import angles_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.sliding import sliding
+from trueup.grounding.others import as_shown, others_of
 from trueup.loop.prepare import Preparation, prepare
 from trueup.recording import Channel, Recording
 
@@ -102,6 +103,11 @@ def test_the_robot_replays_from_there_and_is_not_compared_with_what_was_reckoned
     ready = _blind(walked, ("base_position", "base_orientation"))
     assert set(ready.simulator.observable(ready.recordings[0])) == {"position", *_TURNING}
     assert not ready.unused()
+    (shown,), _ = as_shown(
+        ready.recordings, ready.simulator
+    )  # a grounding does not learn from it, and begins there, too
+    assert set(others_of([shown])) == set(_TURNING)
+    assert shown.has("base_position")
     standing = next(r for r in ready.compare(channels=["position"]).replays)
     hanging = next(
         r
