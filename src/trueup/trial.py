@@ -22,6 +22,10 @@ COMMANDS = (
 """Channel names that hold commands, the better first: what was sent beats what was requested; 'command' is a position
 of a joint, or whatever else a robot takes."""
 
+RECKONED = "reckoned"
+"""Key of a recording's provenance: channels, parted by spaces, that were reckoned from others. Runs begin as they say, and
+are not compared with them."""
+
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
 

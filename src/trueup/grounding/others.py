@@ -10,16 +10,20 @@ from trueup.inspection.inspection import motionless
 from trueup.inspection.repeats import BASE
 from trueup.inspection.sensors import is_accelerometer, is_gyro
 from trueup.recording import Recording, is_command
+from trueup.trial import RECKONED
 
 _OF_JOINTS = ("position", "velocity", "torque", "current", "acceleration")
 _UNBOUNDED = ("x", "y", "yaw")  # of a free base: where it has walked to says nothing of its joints
 
 
 def others_of(recordings: Sequence[Recording]) -> dict[str, tuple[str, ...]]:
-    """Channels beside those of joints that all recordings have, each to its labels, without what has no bounds."""
+    """Channels beside those of joints that all recordings have, each to its labels, without what has no bounds, and what was
+    reckoned from joints, which a simulator does not show.
+    """
     found = {}
+    reckoned = {name for r in recordings for name in r.provenance.get(RECKONED, "").split()}
     for name in recordings[0].channels:
-        if is_command(name) or name in _OF_JOINTS or not all(r.has(name) for r in recordings):
+        if is_command(name) or name in (*_OF_JOINTS, *reckoned) or not all(r.has(name) for r in recordings):
             continue
         first, *more = [r.channel(name).labels for r in recordings]
         labels = tuple(x for x in first if all(x in each for each in more))

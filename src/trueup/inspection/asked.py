@@ -75,6 +75,8 @@ def swapped(asked: Channel, recording: Recording) -> Unlike | None:
         best = int(np.argmax(alike))
         if best != k and alike[best] > 0.8 and alike[k] < 0.5:
             own = correlation(moved[:, best], request[:, best])
+            if own >= 0.5 and alike[k] >= -0.8:
+                continue  # the other is where it belongs: this one gives way under the load that the other's motion brings
             turned = f", or '{label}' is logged with the other sign" if alike[k] < -0.8 and own > 0.8 else ""
             followed = f"the position of '{label}' follows what was asked of '{labels[best]}'"
             return Unlike("order", f"{followed}: the joints are in another order{turned}")

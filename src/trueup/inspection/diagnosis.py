@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from trueup.errors import unknown_name
+from trueup.recording import Recording
+
+Edit = Callable[[Sequence[Recording]], tuple[list[Recording], list[str]]]
+"""Recordings, mended, and what was seen and done in words."""
 
 
 @dataclass(frozen=True)
@@ -39,3 +43,23 @@ def check_refused(refuse: Iterable[str], names: Iterable[str]) -> None:
     for name in refuse:
         if name not in names:
             raise unknown_name("diagnosis", name, list(names), "what may be refused")
+
+
+def all_edited(
+    recordings: Sequence[Recording], edits: Sequence[tuple[str, Edit]], refuse: Collection[str]
+) -> tuple[list[Recording], list[Diagnosis]]:
+    """Recordings with one edit after another, unless these are refused, and what they are."""
+    result, found = list(recordings), list[Diagnosis]()
+    for name, edit in edits:
+        result, more = edited(result, name, refuse, edit)
+        found += more
+    return result, found
+
+
+def edited(
+    recordings: Sequence[Recording], name: str, refuse: Collection[str], edit: Edit
+) -> tuple[list[Recording], list[Diagnosis]]:
+    """Recordings with an edit, unless that is refused, and what it is."""
+    result, notes = edit(recordings)
+    found = [Diagnosis(name, note).unless(refuse) for note in notes]
+    return (list(recordings) if name in refuse else result), found

@@ -34,6 +34,7 @@ from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
+from trueup.trial import RECKONED
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,10 @@ class Preparation:
     def unused(self) -> tuple[str, ...]:
         """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
         measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
-        used = (name for r in self.recordings for name in (*self.simulator.observable(r), *self.family.reads(r)))
+        used = (
+            name for r in self.recordings
+            for name in (*self.simulator.observable(r), *self.family.reads(r), *r.provenance.get(RECKONED, "").split())
+        )  # fmt: skip
         left = ", ".join(sorted(measured.difference(used)))
         return (f"not used, since it is {self.family.compares}: {left}",) if left else ()
 

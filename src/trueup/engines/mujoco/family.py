@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,11 +34,13 @@ from trueup.engines.mujoco.setup.drives import (
 )
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.footing import on_the_floor, without_lifts
+from trueup.engines.mujoco.setup.footsteps import reckoned
 from trueup.engines.mujoco.setup.gravity import compensated
 from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
+from trueup.engines.mujoco.setup.sliding import sliding
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
@@ -47,7 +49,7 @@ from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
 from trueup.inspection.alignment import stamped_late
-from trueup.inspection.diagnosis import Diagnosis
+from trueup.inspection.diagnosis import Diagnosis, all_edited, edited
 from trueup.inspection.feedforward import with_feedforward
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
@@ -71,7 +73,7 @@ _CHANGES = (
 )  # fmt: skip
 DIAGNOSES = (
     "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "heights",
-    "pauses", "released", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+    "feet", "pauses", "released", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 
@@ -115,7 +117,8 @@ class Articulated(Family):
         units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
         turned = mounted_otherwise(model, recordings)
-        return (*beyond, *units, *turned, *far_beside(recordings), *at_other_voltages(recordings))
+        feet = sliding(model, recordings)
+        return (*beyond, *units, *turned, *feet, *far_beside(recordings), *at_other_voltages(recordings))
 
     def suited(
         self,
@@ -128,23 +131,24 @@ class Articulated(Family):
         drives = model.counted()
         others = self.others(model)
         known = {*drives, *drives.values(), *others}
-        whole, apart = _edited([*training, *held_out], "names", refuse, lambda rs: gathered(rs, known))
-        sound, spikes = _edited(whole, "spikes", refuse, without_lone_spikes)
-        sound, told = _edited(sound, "tendons", refuse, lambda rs: with_joints_told(model, rs))
-        named, renamed = _edited(sound, "names", refuse, lambda rs: named_as(rs, drives, others))
-        named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
-        named, steady = _edited(named, "gains", refuse, with_steady_gains)
-        named, forward = _edited(named, "feedforward", refuse, with_feedforward)
+        as_named = (
+            ("names", lambda rs: gathered(rs, known)), ("spikes", without_lone_spikes),
+            ("tendons", lambda rs: with_joints_told(model, rs)), ("names", lambda rs: named_as(rs, drives, others)),
+            ("strangers", lambda rs: without_strangers(rs, drives, others)), ("gains", with_steady_gains),
+            ("feedforward", with_feedforward),
+        )  # fmt: skip
+        named, renamed = all_edited([*training, *held_out], as_named, refuse)
         taken, changed = suited(model, named)
-        taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
-        taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
-        taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
-        taken, heights = _edited(taken, "heights", refuse, lambda rs: on_the_floor(model, rs))
+        as_the_model_takes_them = (
+            ("torques", lambda rs: torques_as_commands(model, rs)), ("sensors", lambda rs: with_sensors(model.sensors(), rs)),
+            ("turns", lambda rs: without_wraps(ways(model), drives, rs)), ("heights", lambda rs: on_the_floor(model, rs)),
+            ("feet", lambda rs: reckoned(model, rs)),
+        )  # fmt: skip
+        taken, edits = all_edited(taken, as_the_model_takes_them, refuse)
         doubts = self.doubts(model, taken)
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
-        found = (apart, spikes, told, renamed, strange, steady, forward, changed, driving, sensing, turning, heights)
-        notes = (*(note for part in found for note in part), *doubts, *pauses, *others_pauses)
+        notes = (*renamed, *changed, *edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
     def simulator(
@@ -280,21 +284,11 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
     return [line for line in lines if line.quantity != "zero" or "zero" not in refuse], list(found.values())
 
 
-def _edited(
-    recordings: Sequence[Recording], name: str, refuse: Collection[str],
-    edit: Callable[[Sequence[Recording]], tuple[list[Recording], list[str]]],
-) -> tuple[list[Recording], list[Diagnosis]]:  # fmt: skip
-    """Recordings with an edit, unless that is refused, and what it is."""
-    edited, notes = edit(recordings)
-    found = [Diagnosis(name, note).unless(refuse) for note in notes]
-    return (list(recordings) if name in refuse else edited), found
-
-
 def _in_parts(
     model: Model, recordings: Sequence[Recording], refuse: Collection[str]
 ) -> tuple[list[Recording], list[Diagnosis]]:
     """Recordings without what cannot be replayed: where nothing was logged, the drives had let go, the robot was held up."""
-    parts, pauses = _edited(recordings, "pauses", refuse, parted_at_pauses)
-    parts, released = _edited(parts, "released", refuse, without_released)
-    parts, lifts = _edited(parts, "lifts", refuse, lambda rs: without_lifts(model, rs))
+    parts, pauses = edited(recordings, "pauses", refuse, parted_at_pauses)
+    parts, released = edited(parts, "released", refuse, without_released)
+    parts, lifts = edited(parts, "lifts", refuse, lambda rs: without_lifts(model, rs))
     return parts, [*pauses, *released, *lifts]

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Integers
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 
@@ -47,19 +47,50 @@ class Reach:
         """(T,) height of the lowest point in m, over the plane if there is one, at positions (T, k) of these joints, with a
         free base at `bases` (T, 7): x, y, z in m and a quaternion.
         """
-        data, up, found = self._data, self._up, np.empty(len(poses))
-        address = [self._address[label] for label in labels]
+        found = np.empty(len(poses))
+        for i in self._posed(labels, poses, bases):
+            found[i] = min(self._lowest_of(k)[0] for k in range(len(self.clouds)))
+        return found - self._floor
+
+    def steps(self, labels: Sequence[str], poses: Array, bases: Array) -> tuple[Array, Integers]:
+        """(T - 1, 3) in m, how the point of the robot that is lowest moves from each pose to the next (see `lowest`): the
+        mean of where the one that was lowest goes, and of where the next one comes from. A foot that rolls does not move.
+        (T,) the body that it is of.
+        """
+        geoms = [g for g, _, _ in self.clouds]
+        places, frames = np.empty((len(poses), len(geoms), 3)), np.empty((len(poses), len(geoms), 3, 3))
+        which, points = np.empty(len(poses), dtype=np.int64), np.empty((len(poses), 3))
+        for i in self._posed(labels, poses, bases):
+            places[i], frames[i] = self._data.geom_xpos[geoms], self._data.geom_xmat[geoms].reshape(-1, 3, 3)
+            which[i] = np.argmin([self._lowest_of(k)[0] for k in range(len(geoms))])
+            points[i] = self._lowest_of(int(which[i]))[1]
+
+        def at(rows: Integers, shapes: Integers, own: Array) -> Array:
+            return places[rows, shapes] + np.einsum("tij,tj->ti", frames[rows, shapes], own)
+
+        now, then = np.arange(len(poses) - 1), np.arange(1, len(poses))
+        ahead = at(then, which[now], points[now]) - at(now, which[now], points[now])
+        moved = 0.5 * (ahead + at(then, which[then], points[then]) - at(now, which[then], points[then]))
+        return moved, self.model.geom_bodyid[np.array(geoms)[which]]
+
+    def _posed(self, labels: Sequence[str], poses: Array, bases: Array | None) -> Iterator[int]:
+        """Each pose's number, with the robot in it."""
+        data, address = self._data, [self._address[label] for label in labels]
         for i, pose in enumerate(poses):
             data.qpos[:] = self.model.qpos0
             data.qpos[address] = pose
             if bases is not None:
                 data.qpos[self._base : self._base + 7] = bases[i]
             mujoco.mj_kinematics(self.model, data)
-            found[i] = min(
-                float((points @ (up @ data.geom_xmat[g].reshape(3, 3))).min() + up @ data.geom_xpos[g] - radius)
-                for g, points, radius in self.clouds
-            )
-        return found - self._floor
+            yield i
+
+    def _lowest_of(self, cloud: int) -> tuple[float, Array]:
+        """Where along `up` a shape's lowest point is, in m, and that point (3,) in the shape's frame."""
+        geom, points, radius = self.clouds[cloud]
+        down = self._up @ self._data.geom_xmat[geom].reshape(3, 3)
+        along = points @ down
+        k = int(along.argmin())
+        return float(along[k] + self._up @ self._data.geom_xpos[geom] - radius), points[k] - radius * down
 
 
 def _points(m: mujoco.MjModel, geom: int) -> tuple[Array, float]:

@@ -121,12 +121,16 @@ def _reach(model: Model, recordings: Sequence[Recording]) -> Reach | None:
     """How low the robot reaches; None without a free base whose pose was measured, or where a plane is not all around it."""
     if not any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
         return None
-    free = floating(model, recordings)
-    m, plane = free.compiled, plane_of(free.compiled)
+    return on_a_plane(floating(model, recordings))
+
+
+def on_a_plane(model: Model) -> Reach | None:
+    """How low a robot with a free base reaches; None without one, or where a plane is not all that is around it."""
+    m, plane = model.compiled, plane_of(model.compiled)
     around = [g for g in range(m.ngeom) if m.body_weldid[m.geom_bodyid[g]] == 0 and g != plane]
     if free_joint(m) < 0 or plane < 0 or any(m.geom_contype[g] or m.geom_conaffinity[g] for g in around):
         return None
-    reach = Reach(free)
+    reach = Reach(model)
     return reach if reach.clouds else None
 
 

@@ -35,7 +35,7 @@ def mounted_otherwise(model: Model, recordings: Sequence[Recording]) -> list[str
     for recording in recordings:
         pose = orientations(recording).get(ORIENTATION)
         for name, sensor in gyros.items():
-            channel, site = recording.channels.get(name), _on_base(model.compiled, sensor)
+            channel, site = recording.channels.get(name), on_base(model.compiled, sensor)
             if pose is None or channel is None or channel.unit != "rad/s" or site is None:
                 continue
             sentence = _doubt(channel, sensor, pose, site)
@@ -83,7 +83,7 @@ def _beside(found: Together, site: Array) -> tuple[float, Array]:
     return float(np.arccos(np.clip(0.5 * (np.trace(axes @ site) - 1.0), -1.0, 1.0))), quaternion
 
 
-def _on_base(m: mujoco.MjModel, sensor: str) -> Array | None:
+def on_base(m: mujoco.MjModel, sensor: str) -> Array | None:
     """(3, 3) the axes of a sensor's site in the frame of the free base that carries it; None for a site elsewhere."""
     joint = free_joint(m)
     index = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_SENSOR, sensor)

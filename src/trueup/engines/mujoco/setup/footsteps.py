@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a free base was that nobody tracked: its joints and its inertial unit tell it, for feet on the floor stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from trueup.arrays import Array, Integers
+from trueup.articulated.inertial import with_inertial_units
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, angles_of, in_angles, quaternion_of
+from trueup.engines.mujoco.base import free_joint, held
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.floor import Reach
+from trueup.engines.mujoco.setup.footing import on_a_plane
+from trueup.engines.mujoco.setup.mounting import on_base
+from trueup.engines.mujoco.setup.stance import stood
+from trueup.inspection.sensors import sensed
+from trueup.recording import Channel, Recording
+from trueup.samples import between, unwound
+from trueup.trial import RECKONED
+from trueup.units import GRAVITY
+
+_RESTS = 0.1
+"""s at the beginning in which a robot stands that begins at rest: what its gyro shows then is its error."""
+_CALM = 1.0
+"""s in which the angles come back to what the accelerometer shows: steps average out, and errors of the gyro stay small."""
+
+
+def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings with the pose of a free base that none of them tells, where the robot stood on its feet, and notes.
+
+    How it was turned is told by `base_orientation`, or by a gyro and an accelerometer on the base. The lowest point is on
+    the floor and stands still, so that the base goes against how that moves. As they are where the robot may have hung, as
+    `stance.stood` tells, where something else than a plane is around it, or any recording lacks what is needed.
+    """
+    result = list(recordings)
+    if free_joint(model.compiled) < 0 or not result or any(r.has(POSITION) for r in result):
+        return result, []
+    reach = on_a_plane(model)
+    against = "" if reach is None else stood(model, held(model, result).compiled, result)
+    if reach is None or not against:
+        return result, []
+    found = [_with_pose(model, reach, r) for r in result]
+    if any(f is None for f in found):
+        return result, []
+    how = sorted({what for f in found if f is not None for what in f[1]})
+    note = (
+        f"no recording tells where the base was, and it stood on the floor ({against}): its pose is reckoned from "
+        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin there, and are "
+        f"not compared with it. If it hopped, or feet slipped for long, log {POSITION}; if it hung, refuse this"
+    )
+    return [f[0] for f in found if f is not None], [note]
+
+
+def _with_pose(model: Model, reach: Reach, recording: Recording) -> tuple[Recording, tuple[str, ...]] | None:
+    """A recording with the pose of its base, and the channels that told how it was turned; None where nothing does."""
+    position = recording.channels.get("position")
+    turning = _turning(model, recording)
+    if position is None or turning is None:
+        return None
+    labels = [x for x in position.labels if x in reach.joints]
+    joints = position.select(labels)
+    good = np.isfinite(joints.values).all(axis=1)
+    angles, by = turning
+    if not set(reach.joints) <= set(labels) or np.count_nonzero(good) < 2:
+        return None
+    time = joints.time[good]
+    time = time[(time >= angles.time[0]) & (time <= angles.time[-1])]
+    if len(time) < 2:
+        return None
+    poses, turns = between(time, joints.time[good], joints.values[good]), quaternion_of(angles.at(time))
+    place, _ = path(reach, labels, poses, turns)
+    channels = {POSITION: Channel(POSITION, AXES, "m", time, place), ORIENTATION: angles}
+    names = {POSITION} | ({ORIENTATION} if not recording.has(ORIENTATION) else set())
+    told = {**recording.provenance, RECKONED: " ".join(sorted(names))}
+    return recording.replace(channels={**recording.channels, **channels}, provenance=told), by
+
+
+def path(reach: Reach, labels: Sequence[str], poses: Array, turns: Array) -> tuple[Array, Integers]:
+    """(T, 3) where the base is in m, from 0, 0 on, of joints at `poses` (T, k) and a base turned by quaternions (T, 4); and
+    (T,) the bodies on which it stood.
+    """
+    bases = np.hstack([np.zeros((len(poses), 3)), turns])
+    place = np.zeros((len(poses), 3))
+    moved, bodies = reach.steps(labels, poses, bases)
+    place[1:] = -np.cumsum(moved, axis=0)
+    place[:, 2] = -reach.lowest(labels, poses, bases)
+    return place, bodies
+
+
+def _turning(model: Model, recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
+    """Roll, pitch and yaw of the base, and what told them."""
+    if recording.has(ORIENTATION):
+        channel = in_angles(recording).channel(ORIENTATION)
+        return (channel, (f"'{ORIENTATION}'",)) if channel.labels == ANGLES else None
+    (recording,), _ = with_inertial_units([recording])
+    kinds = model.sensors()
+    found = {}
+    for name, sensor in sensed([recording], kinds).items():
+        channel, site = recording.channels[name], on_base(model.compiled, sensor)
+        if site is not None and channel.unit == kinds[sensor] and np.isfinite(channel.values).all():
+            axes = sorted(channel.labels, key=lambda label: label[-1])
+            found[kinds[sensor]] = (channel.time, channel.select(axes).values @ site.T, name)
+    if not {"rad/s", "m/s^2"} <= set(found):
+        return None
+    (time, rates, gyro), (late, pulls, accelerometer) = found["rad/s"], found["m/s^2"]
+    angles = _integrated(time, rates, between(time, late, pulls))
+    return Channel(ORIENTATION, ANGLES, "rad", time, angles), (f"'{gyro}'", f"'{accelerometer}'")
+
+
+def _integrated(time: Array, rates: Array, pulls: Array) -> Array:
+    """(T, 3) roll, pitch, yaw that a gyro (T, 3) in rad/s gives, drawn to where an accelerometer (T, 3) shows what is up.
+
+    A complementary filter (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one), by the
+    accelerometer as it is and not by its direction: forces of many steps add up to the weight, their directions do not.
+    """
+    first = time <= time[0] + _RESTS
+    error, up = rates[first].mean(axis=0), pulls[first].mean(axis=0)
+    pitch = np.arctan2(-up[0], np.hypot(up[1], up[2]))
+    turn = quaternion_of(np.array([np.arctan2(up[1], up[2]), pitch, 0.0]))
+    turns, matrix = np.empty((len(time), 4)), np.empty(9)
+    for i in range(len(time)):
+        turns[i] = turn
+        if i + 1 < len(time):
+            dt = time[i + 1] - time[i]
+            mujoco.mju_quat2Mat(matrix, turn)
+            rate = 0.5 * (rates[i] + rates[i + 1]) - error + np.cross(pulls[i] / GRAVITY, matrix[6:]) / _CALM
+            mujoco.mju_quatIntegrate(turn, rate, dt)
+    return unwound(angles_of(turns))

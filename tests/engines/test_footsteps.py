@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Feet that stand still tell where a base was that nobody tracked, and which legs were mixed up in a log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.articulated.pose import angles_of
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.setup.sliding import sliding
+from trueup.grounding.others import as_shown, others_of
+from trueup.loop.prepare import Preparation, prepare
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+
+_LEG = '<body name="{0}" pos="{1} 0"><joint name="{0}_side" axis="1 0 0"/><joint name="{0}_hip" \
+axis="0 1 0"/><geom type="capsule" size=".012" fromto="0 0 0 0 0 -.1" mass=".1"/><body \
+pos="0 0 -.1"><joint name="{0}_knee" axis="0 1 0"/><geom type="capsule" size=".01" \
+fromto="0 0 0 0 0 -.1" mass=".05"/></body></body>'
+_PLACES = {"fl": ".12 .07", "fr": ".12 -.07", "rl": "-.12 .07", "rr": "-.12 -.07"}
+_JOINTS = tuple(f"{leg}_{joint}" for leg in _PLACES for joint in ("side", "hip", "knee"))
+_DOG = f"""<mujoco><default><joint damping=".3" armature=".004" frictionloss=".03"/></default>
+<option timestep=".002" integrator="implicitfast"/><worldbody><geom type="plane" size="5 5 .1"/>
+<body name="trunk" pos="0 0 .17"><freejoint name="root"/><site name="imu" quat="0 0 0 1"/><geom type="box"
+size=".14 .05 .03" mass="1.5" />{"".join(_LEG.format(n, p) for n, p in _PLACES.items())}</body></worldbody><actuator>
+{"".join(f'<position name="{j}" joint="{j}" kp="25"/>' for j in _JOINTS)}</actuator><sensor><gyro name="gyro" site="imu"/>
+<accelerometer name="accelerometer" site="imu"/></sensor></mujoco>"""
+_TURNING = ("gyro", "accelerometer")
+
+
+def _trot(time: Array) -> Array:
+    """(T, 12) commands: it stands on bent legs, sways, then trots."""
+    share = np.clip(time - 1.7, 0.0, 1.0)
+    phases = 2.0 * np.pi * (2.0 * time[:, None] + [0.0, 0.5, 0.5, 0.0])
+    sway = 0.12 * np.sin(6.0 * np.clip(time - 0.3, 0.0, np.pi / 3.0))
+    side = np.repeat(sway[:, None], 4, axis=1)
+    lifted = 0.5 * np.clip(np.sin(phases), 0.0, None) * share[:, None]
+    hip = 0.7 + 0.15 * share[:, None] * np.cos(phases) + 0.5 * lifted
+    return np.stack([side, hip, -1.4 - lifted], axis=2).reshape(len(time), 12)
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
+    """A quadruped that trots, all of it recorded with noise at 100 Hz, and its file."""
+    path = tmp_path_factory.mktemp("dog") / "dog.xml"
+    path.write_text(_DOG)
+    model = mujoco.MjModel.from_xml_string(_DOG)
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    time, rows = np.arange(0.0, 3.4, 0.01), []
+    commands = _trot(time)
+    data.qpos[7:] = data.ctrl[:] = commands[0]
+    mujoco.mj_step(model, data, 500)
+    for command in commands:
+        data.ctrl[:] = command
+        rows.append(np.concatenate([data.qpos[7:], data.qpos[:7], data.sensordata]))
+        mujoco.mj_step(model, data, 5)
+    seen = np.array(rows) + rng.normal(0.0, 1.0, (len(time), 25)) * np.repeat([5e-4, 5e-4, 0.01, 0.1], [12, 7, 3, 3])
+    channels = (
+        Channel("command", _JOINTS, "rad", time, commands),
+        Channel("position", _JOINTS, "rad", time, seen[:, :12]),
+        Channel("base_position", ("x", "y", "z"), "m", time, seen[:, 12:15]),
+        Channel("base_orientation", ("w", "x", "y", "z"), "", time, seen[:, 15:19]),
+        Channel("gyro", ("x", "y", "z"), "rad/s", time, seen[:, 19:22]),
+        Channel("accelerometer", ("x", "y", "z"), "m/s^2", time, seen[:, 22:]),
+    )
+    return path, Recording("trot", {c.name: c for c in channels})
+
+
+def _blind(walked: tuple[Path, Recording], without: Sequence[str], refuse: Sequence[str] = ()) -> Preparation:
+    path, recording = walked
+    for name in without:
+        recording = recording.without(name)
+    return prepare(path, [recording], propose=False, refuse=refuse)
+
+
+@pytest.mark.parametrize("unseen", [_TURNING, ("base_orientation",)])
+def test_where_the_base_was_is_told_by_its_feet(walked: tuple[Path, Recording], unseen: tuple[str, ...]) -> None:
+    _, recording = walked
+    ready = _blind(walked, ("base_position", *unseen))
+    (found,) = ready.recordings
+    truth = recording.channel("base_position").values
+    place = found.channel("base_position").values + truth[0] * [1.0, 1.0, 0.0]
+    went = float(np.linalg.norm(truth[-1, :2] - truth[0, :2]))
+    assert went > 0.05
+    assert np.linalg.norm(place[-1] - truth[-1]) < 0.2 * went  # feet slip a little
+    assert np.sqrt(np.mean((place[:, 2] - truth[:, 2]) ** 2)) < 3e-3
+    angles = angles_of(recording.channel("base_orientation").values)
+    assert np.sqrt(np.mean((found.channel("base_orientation").values - angles)[:, :2] ** 2)) < 0.02
+    assert any("its pose is reckoned from" in str(n) for n in ready.notes)
+    assert not any("held in the air" in str(n) for n in ready.notes)
+
+
+def test_the_robot_replays_from_there_and_is_not_compared_with_what_was_reckoned(
+    walked: tuple[Path, Recording],
+) -> None:
+    ready = _blind(walked, ("base_position", "base_orientation"))
+    assert set(ready.simulator.observable(ready.recordings[0])) == {"position", *_TURNING}
+    assert not ready.unused()
+    (shown,), _ = as_shown(
+        ready.recordings, ready.simulator
+    )  # a grounding does not learn from it, and begins there, too
+    assert set(others_of([shown])) == set(_TURNING)
+    assert shown.has("base_position")
+    standing = next(r for r in ready.compare(channels=["position"]).replays)
+    hanging = next(
+        r
+        for r in _blind(walked, ("base_position", "base_orientation"), ["feet"]).compare(channels=["position"]).replays
+    )
+    rest = [np.sqrt(np.nanmean((r.after - r.measured) ** 2)) for r in (standing, hanging)]
+    assert rest[0] < 0.2 * rest[1]
+
+
+def test_a_robot_that_hangs_is_held_as_before(tmp_path: Path) -> None:
+    (tmp_path / "dog.xml").write_text(_DOG)
+    time = np.arange(0.0, 2.0, 0.01)
+    hung = {
+        "command": Channel("command", _JOINTS, "rad", time, _trot(time)),
+        "position": Channel("position", _JOINTS, "rad", time, _trot(time)),
+        "base_orientation": Channel("base_orientation", ("w", "x", "y", "z"), "", time, np.eye(4)[[0] * len(time)]),
+    }
+    notes = prepare(tmp_path / "dog.xml", [Recording("hung", hung)], propose=False).notes
+    assert any("it is held in the air" in str(n) for n in notes)
+
+
+def test_legs_and_joints_that_were_mixed_up_are_named(walked: tuple[Path, Recording]) -> None:
+    path, recording = walked
+    assert not sliding(load(path), [recording])
+    other = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
+    swapped = recording.rename({j: other[j[:2]] + j[2:] for j in _JOINTS})
+    (said,) = sliding(load(path), [swapped.slice(1.7, 3.4)])
+    assert "left and right are exchanged" in said
+    position = recording.channel("position")
+    signs = np.where(np.array(_JOINTS) == "rr_side", -1.0, 1.0)
+    (said,) = sliding(
+        load(path), [recording.with_channel(position.replace(values=position.values * signs)).slice(0.0, 1.5)]
+    )
+    assert "'rr_side' turns the other way" in said
