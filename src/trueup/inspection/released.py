@@ -92,12 +92,12 @@ def _usual(every: Sequence[_Apart]) -> dict[str, float]:
 
 def _released(one: _Apart, usual: Array) -> list[Gap]:
     """Where the drives had let go, with what hangs on that before and behind; `usual` (k,) as `_usual`."""
-    far = _stuck(one, np.maximum(_FAR, _USUAL * usual)).any(axis=1)
+    far: Mask = np.any(_stuck(one, np.maximum(_FAR, _USUAL * usual)), axis=1)
     stuck = _runs(far, one.time)
     if not stuck or far.all():
         return []
     near = np.quantile(np.abs(one.apart[~far]), _NEAR, axis=0)
-    close = (np.abs(one.apart) <= np.maximum(near, usual)).all(axis=1)
+    close: Mask = np.all(np.abs(one.apart) <= np.maximum(near, usual), axis=1)
     spans: list[tuple[int, int]] = []
     for first, last in stuck:
         before, after = np.flatnonzero(close[:first]), np.flatnonzero(close[last:])
@@ -134,7 +134,7 @@ def _let_go(one: _Apart, begin: int, end: int, follows: Array) -> bool:
     `follows` (k,): how far joints are beside their commands elsewhere, at most.
     """
     there, told = one.position[begin : end + 1], one.told[begin : end + 1]
-    strayed = (np.abs(there - told) > follows).any(axis=0)
+    strayed: Mask = np.any(np.abs(there - told) > follows, axis=0)
     asked = np.ptp(told, axis=0) > 2.0 * follows  # so far that it shows whether they followed
     if not strayed[asked].all() or np.count_nonzero(strayed) < 2:
         return False

@@ -10,12 +10,10 @@ import numpy as np
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.hidden_limits import asked_for
-from trueup.articulated.pose import POSITION
 from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
-from trueup.engines.mujoco.base import free_joint
-from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base
 from trueup.engines.mujoco.setup.motors import Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import of_several_joints
@@ -30,13 +28,6 @@ HELD = "weight that gravity compensation leaves"
 """Of links that a controller was told to hold by a model of its own."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
-HEIGHT, TILTS = "height of the floor", {"floor_roll": "floor turned about x", "floor_pitch": "floor turned about y"}
-"""Of the floor that a robot stands on, and of one that the model lacks."""
-_OF_BASE = ("mass", "com_x", "com_y", "com_z", "spread_x", "spread_y", "spread_z")
-"""Of the body that moves freely: what it carries (a battery, a computer) is seldom in its file, and all of it but products of
-inertia is seen where it is tracked while it walks. What is left out is made up for: with a trunk of 6.7 kg whose inertia
-grew along in the simulator and not in the robot, gains came out 4.5 % high, in intervals of 1 %.
-"""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
@@ -89,9 +80,9 @@ def propose(
     # A delay and the clocks of all recordings are the same thing.
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
-    lines += [] if floor is None else _of_a_floor(floor)
+    lines += [] if floor is None else of_a_floor(floor)
     lines += _of_stops(stops or {})
-    lines += _of_the_base(model, recordings)
+    lines += of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
 
@@ -131,15 +122,6 @@ def _of_stops(stops: Mapping[str, float]) -> list[Declaration]:
     return [Declaration(f"stop_{side}", (joint,), nominal=value) for joint, side, value in ends]
 
 
-def _of_a_floor(height: float) -> list[Declaration]:
-    """Of one that the model lacks: where the robot was stopped is no more than a first guess of its height."""
-    return [
-        Declaration("floor_height", nominal=height),
-        *(Declaration(kind, optional=tilt) for kind, tilt in TILTS.items()),
-        Declaration("floor_friction"),
-    ]
-
-
 def _of_speed_servos(model: Model, joints: Sequence[str]) -> list[Declaration]:
     """How hard servos of speed pursue it: files rarely say, and what stands for a controller's loop may be far off."""
     driven = model.actuator_of_joint()
@@ -160,19 +142,6 @@ def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Actuators that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
     return tuple(name for name in of_several_joints(model) if name in told)
-
-
-def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
-    """What a base that was tracked tells beyond its joints: what it carries, and the floor that it stands on."""
-    compiled = model.compiled
-    joint = free_joint(compiled)
-    if joint < 0 or not any(r.has(POSITION) for r in recordings):
-        return []
-    body = compiled.body(compiled.jnt_bodyid[joint]).name
-    lines = [Declaration(kind, (body,)) for kind in _OF_BASE] if body else []
-    if plane_of(compiled) >= 0:
-        lines += [Declaration("floor_height", optional=HEIGHT), Declaration("floor_friction")]
-    return lines
 
 
 def _limits(
