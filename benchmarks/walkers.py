@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that walk on four feet under position servos: is what they are made of found from two walks, and a third foretold?
+"""Robots that walk on four feet under position servos: is what they are made of found from two walks, others foretold?
 
 Eight drives (or twelve: `--twelve`, whose hips roll, too), a free base, feet that touch, slide and let go. The simulator is
 told of none of what differs: gains, friction, damping, inertia of drives, mass and centre of the trunk, floor, a command that
@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 _LEGS = ("fl", "fr", "hl", "hr")
 _PARTS = {"roll": 0.0, "hip": 0.8, "knee": -1.5}  # rad, standing
 _SWAY = 0.06  # rad
+_JUDGED = ((1.7, 1.0), (2.2, 0.7), (1.3, 0.9), (1.9, 0.85), (1.6, 0.75))  # Hz and rad of walks that are left out
 _INERTIA = (0.02, 0.07, 0.08)  # kg m2 of the trunk, whatever its mass: what is heavier sits in the middle
 _STEP, _RATE, _SECONDS = 0.002, 100.0, 5.0  # s, Hz, s of each walk
 _PEER = "by slopes on whole walks"
@@ -176,9 +177,9 @@ def held(ready: Preparation, found: Calibration, robot: Walker) -> list[bool]:
 
 
 def led(ready: Preparation, values: Array, judged: Sequence[Recording]) -> float:
-    """Root mean square error in rad of joints foretold half a second at a time, the median over these."""
-    (shown,) = [r for r in replays(ready.simulator, values, [], judged, windows=0.5) if r.channel == "position"]
-    parts = np.array_split(shown.after - shown.measured, round(_SECONDS / 0.5))
+    """Root mean square error in rad of joints foretold half a second at a time, the median over all these."""
+    shown = [r for r in replays(ready.simulator, values, [], judged, windows=0.5) if r.channel == "position"]
+    parts = [part for r in shown for part in np.array_split(r.after - r.measured, round(_SECONDS / 0.5))]
     return float(np.median([np.sqrt(np.nanmean(part**2)) for part in parts]))
 
 
@@ -195,7 +196,7 @@ def main() -> None:
     for number in range(1 if asked.quick else 3):
         robot = Walker.drawn(number, rolls=asked.twelve)
         walks = [robot.walk(f"walk{k}", *how, 10 * number + k) for k, how in enumerate(((2.0, 0.8), (1.5, 0.9)))]
-        judged = [robot.walk("judged", 1.7, 1.0, 10 * number + 9)]
+        judged = [robot.walk(f"judged{k}", *how, 1000 + 10 * number + k) for k, how in enumerate(_JUDGED)]
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "walker.xml"
             file.write_text(Walker(rolls=asked.twelve).mjcf)
