@@ -248,7 +248,7 @@ def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
     lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"  # told, and so searched from once
     (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.2\n[vehicle.values]\n{lasting}")
     for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
-        given = turned(asked(0.0, 20.0), rate, late)
+        given = turned(asked(0.0, 12.0), rate, late)
         found = {e.name: e.value for e in prepare(tmp_path / "car.toml", [given]).calibrate().estimates}
         if np.isfinite(rate):
             assert found["steering_rate_limit"] == pytest.approx(rate, rel=0.1)
