@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from trueup.articulated.pose import angles_of
 from trueup.engines.mujoco.model import load
-from trueup.engines.mujoco.setup.sliding import sliding
+from trueup.engines.mujoco.setup.footsteps import legs_of
 from trueup.grounding.others import as_shown, others_of
+from trueup.inspection.sliding import sliding
 from trueup.loop.prepare import Preparation, prepare
 from trueup.recording import Channel, Recording
 
@@ -131,14 +132,14 @@ def test_a_robot_that_hangs_is_held_as_before(tmp_path: Path) -> None:
 
 def test_legs_and_joints_that_were_mixed_up_are_named(walked: tuple[Path, Recording]) -> None:
     path, recording = walked
-    assert not sliding(load(path), [recording])
+    assert not sliding(legs_of(load(path)), [recording])
     other = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
     swapped = recording.rename({j: other[j[:2]] + j[2:] for j in _JOINTS})
-    (said,) = sliding(load(path), [swapped.slice(1.7, 3.4)])
+    (said,) = sliding(legs_of(load(path)), [swapped.slice(1.7, 3.4)])
     assert "left and right are exchanged" in said
     position = recording.channel("position")
     signs = np.where(np.array(_JOINTS) == "rr_side", -1.0, 1.0)
     (said,) = sliding(
-        load(path), [recording.with_channel(position.replace(values=position.values * signs)).slice(0.0, 1.5)]
+        legs_of(load(path)), [recording.with_channel(position.replace(values=position.values * signs)).slice(0.0, 1.5)]
     )
     assert "'rr_side' turns the other way" in said

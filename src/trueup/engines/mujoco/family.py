@@ -34,13 +34,12 @@ from trueup.engines.mujoco.setup.drives import (
 )
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.footing import on_the_floor, without_lifts
-from trueup.engines.mujoco.setup.footsteps import reckoned
+from trueup.engines.mujoco.setup.footsteps import legs_of, reckoned
 from trueup.engines.mujoco.setup.gravity import compensated
 from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
-from trueup.engines.mujoco.setup.sliding import sliding
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
@@ -59,6 +58,7 @@ from trueup.inspection.released import without_released
 from trueup.inspection.scattered import gathered
 from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
+from trueup.inspection.sliding import sliding
 from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import without_strangers
@@ -117,7 +117,7 @@ class Articulated(Family):
         units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
         turned = mounted_otherwise(model, recordings)
-        feet = sliding(model, recordings)
+        feet = sliding(legs_of(model), recordings)
         return (*beyond, *units, *turned, *feet, *far_beside(recordings), *at_other_voltages(recordings))
 
     def suited(

@@ -18,6 +18,7 @@ from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
 from trueup.engines.mujoco.setup.stance import stood
 from trueup.inspection.sensors import sensed
+from trueup.inspection.sliding import Legs
 from trueup.recording import Channel, Recording
 from trueup.samples import between, unwound
 from trueup.trial import RECKONED
@@ -89,6 +90,23 @@ def path(reach: Reach, labels: Sequence[str], poses: Array, turns: Array) -> tup
     place[1:] = -np.cumsum(moved, axis=0)
     place[:, 2] = -reach.lowest(labels, poses, bases)
     return place, bodies
+
+
+def legs_of(model: Model) -> Legs | None:
+    """What hangs on the base of a robot that walks on a plane; None where something else is around it."""
+    m, reach = model.compiled, on_a_plane(model)
+    if reach is None:
+        return None
+    base, joints = int(m.jnt_bodyid[free_joint(m)]), reach.joints
+    limbs: dict[int, list[int]] = {}
+    for i, joint in enumerate(joints):
+        body = int(m.jnt_bodyid[model.index("joint", joint)])
+        while body > 0 and int(m.body_parentid[body]) != base:
+            body = int(m.body_parentid[body])
+        if body > 0:
+            limbs.setdefault(body, []).append(i)
+    places = [np.array(m.body_pos[body][:2]) for body in limbs]
+    return Legs(tuple(joints), list(limbs.values()), places, lambda poses, turns: path(reach, joints, poses, turns))
 
 
 def _turning(model: Model, recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:

@@ -4,18 +4,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
-from trueup.engines.mujoco.base import free_joint
-from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.setup.floor import Reach
-from trueup.engines.mujoco.setup.footing import on_a_plane
-from trueup.engines.mujoco.setup.footsteps import path
 from trueup.recording import Recording
 
 _RATE = 50.0  # Hz: a foot is on the floor for several samples
@@ -29,6 +24,20 @@ _SAID = 2  # ways, the best: what one leg shows tells seldom whether others were
 
 
 @dataclass(frozen=True, eq=False)
+class Legs:
+    """What hangs on a base, and where that goes if feet stand still."""
+
+    joints: tuple[str, ...]
+    limbs: Sequence[Sequence[int]]
+    """The joints of each limb by their numbers, from the base on."""
+    places: Sequence[Array]
+    """(2,) of each limb: where it begins, x and y in m."""
+    path: Callable[[Array, Array], tuple[Array, Integers]]
+    """Of joints at poses (T, k) and a base turned by quaternions (T, 4): (T, 3) where the base is in m, and (T,) the bodies
+    on which it stood."""
+
+
+@dataclass(frozen=True, eq=False)
 class _Walk:
     """Joints (T, k) in the order of the robot's, quaternions (T, 4) and places (T, 3) of its base."""
 
@@ -37,25 +46,24 @@ class _Walk:
     places: Array
 
 
-def sliding(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """A sentence where the base goes elsewhere than feet that stand still would take it, and agrees with these once two legs
     are exchanged, all of both sides are, or one joint turns the other way. () where nothing else agrees clearly better.
     """
-    reach = on_a_plane(model)
-    walks = [] if reach is None else _walks(reach, recordings)
-    if reach is None or not walks:
+    walks = [] if legs is None else _walks(legs.joints, recordings)
+    if legs is None or not walks:
         return ()
-    count = len(reach.joints)
+    count = len(legs.joints)
     went = np.array([_size(w.places[_AHEAD:] - w.places[:-_AHEAD]) for w in walks])
-    errors, stood = _stepped(reach, walks, np.arange(count), np.ones(count))
+    errors, stood = _stepped(legs, walks, np.arange(count), np.ones(count))
     if not np.any(errors > _SLIPS * went):
         return ()
     worst, better = int(np.argmax(errors / (went + errors))), {}
-    for words, (order, signs) in _ways(model, reach.joints).items():
-        looked, _ = _stepped(reach, [walks[worst]], order, signs)
+    for words, (order, signs) in _ways(legs).items():
+        looked, _ = _stepped(legs, [walks[worst]], order, signs)
         if looked[0] ** 2 > _HALF * errors[worst] ** 2:
             continue
-        found, feet = _stepped(reach, walks, order, signs)
+        found, feet = _stepped(legs, walks, order, signs)
         # A leg that is in the air all along shows nothing, and hides what was wrong with it.
         if feet >= stood and _size(found) < _size(errors):
             better[words] = found
@@ -70,18 +78,18 @@ def sliding(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
     )
 
 
-def _walks(reach: Reach, recordings: Sequence[Recording]) -> list[_Walk]:
+def _walks(names: Sequence[str], recordings: Sequence[Recording]) -> list[_Walk]:
     """What recordings that tell all joints and the base show, up to so many poses."""
     found, left = list[_Walk](), _POSES
     for recording in map(in_angles, recordings):
         if not all(recording.has(name) for name in ("position", POSITION, ORIENTATION)) or left < 2 * _AHEAD:
             continue
         joints, place, turn = (recording.channel(name) for name in ("position", POSITION, ORIENTATION))
-        whole = set(reach.joints) <= set(joints.labels) and set(AXES) <= set(place.labels) and turn.labels == ANGLES
+        whole = set(names) <= set(joints.labels) and set(AXES) <= set(place.labels) and turn.labels == ANGLES
         if not whole:
             continue
         time = np.arange(recording.start, recording.stop, 1.0 / _RATE)[:left]
-        poses, places = joints.select(reach.joints).at(time), place.select(AXES).at(time)
+        poses, places = joints.select(names).at(time), place.select(AXES).at(time)
         turns = turn.at(time)
         good: Mask = np.asarray(np.isfinite(np.hstack([poses, places, turns])).all(axis=1))
         if np.count_nonzero(good) > 2 * _AHEAD and good[good.argmax() : len(good) - good[::-1].argmax()].all():
@@ -90,13 +98,13 @@ def _walks(reach: Reach, recordings: Sequence[Recording]) -> list[_Walk]:
     return found
 
 
-def _stepped(reach: Reach, walks: Sequence[_Walk], order: Integers, signs: Array) -> tuple[Array, int]:
+def _stepped(legs: Legs, walks: Sequence[_Walk], order: Integers, signs: Array) -> tuple[Array, int]:
     """How far, in m, the base goes elsewhere in each walk than feet that stand still take it, if joints were recorded in
     this order and with these signs, and on how many bodies it stood.
     """
     beside, bodies = [], set[int]()
     for walk in walks:
-        by_feet, stood = path(reach, reach.joints, signs * walk.poses[:, order], walk.turns)
+        by_feet, stood = legs.path(signs * walk.poses[:, order], walk.turns)
         beside.append(_size((by_feet - walk.places)[_AHEAD:] - (by_feet - walk.places)[:-_AHEAD]))
         bodies |= set(stood.tolist())
     return np.array(beside), len(bodies)
@@ -107,9 +115,10 @@ def _size(ways: Array) -> float:
     return float(np.sqrt(np.sum(ways**2) / len(ways)))
 
 
-def _ways(model: Model, joints: Sequence[str]) -> Mapping[str, tuple[Integers, Array]]:
+def _ways(robot: Legs) -> Mapping[str, tuple[Integers, Array]]:
     """What may have been mixed up, in words: which joint each column is of, and its sense."""
-    legs, places = _legs(model, joints)
+    joints, places = robot.joints, robot.places
+    legs = [list(limb) for limb in robot.limbs]
     ways: dict[str, tuple[Integers, Array]] = {}
     same, count = np.arange(len(joints)), len(joints)
     for words, flip in (("left and right are exchanged", (1, -1)), ("front and rear are exchanged", (-1, 1))):
@@ -129,17 +138,3 @@ def _ways(model: Model, joints: Sequence[str]) -> Mapping[str, tuple[Integers, A
     for i, joint in enumerate(joints):
         ways[f"'{joint}' turns the other way"] = (same, np.where(same == i, -1.0, 1.0))
     return ways
-
-
-def _legs(model: Model, joints: Sequence[str]) -> tuple[list[list[int]], list[Array]]:
-    """What hangs on the base: the joints of each limb, from the base on, and where it begins (2,), x and y in m."""
-    m = model.compiled
-    base = int(m.jnt_bodyid[free_joint(m)])
-    limbs: dict[int, list[int]] = {}
-    for i, joint in enumerate(joints):
-        body = int(m.jnt_bodyid[model.index("joint", joint)])
-        while body > 0 and int(m.body_parentid[body]) != base:
-            body = int(m.body_parentid[body])
-        if body > 0:
-            limbs.setdefault(body, []).append(i)
-    return list(limbs.values()), [np.array(m.body_pos[body][:2]) for body in limbs]
