@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.beginning import as_tracked
-from trueup.engines.vehicle.family import STARTS_MATTER
 from trueup.engines.vehicle.judging import Ahead
+from trueup.engines.vehicle.noisy_starts import STARTS_MATTER
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.loop.prepare import prepare
 from trueup.loop.problem import Problem

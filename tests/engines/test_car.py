@@ -17,10 +17,11 @@ from trueup import formats
 from trueup.calibration import Estimate
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.family import BEGUN, LASTING, Vehicles, with_shares
+from trueup.engines.vehicle.family import BEGUN, Vehicles, with_shares
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
+from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
 from trueup.loop.prepare import prepare

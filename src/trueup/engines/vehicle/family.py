@@ -16,7 +16,9 @@ from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import rolling, with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.look import Look
+from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
+from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
@@ -30,19 +32,10 @@ from trueup.tracking.place import tells_place
 from trueup.tracking.wheels import tells_way
 from trueup.trial import Trial
 
-LASTING = ("push_lasts", "trim_lasts", "speed_kept")
-"""How much of what a car showed beyond its model just before a prediction goes on: told by its own drives."""
 BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
-"""Values of these from which a car is searched: as cars on a floor mostly are, and one that does what its model does, at the
-speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are searched with
-the first are bent to that, and to the lag of the last samples where the speed changes."""
-
-
-ROUGHLY = ("first seconds", "all, coarse step")
-"""Stages of a search that see a part of the recordings, or all roughly: one that goes on from where a fit of all of them
-has ended would be led away from there."""
-STARTS_MATTER = 0.1
-"""Share of what samples of one prediction have in common from which noise of its start is eliminated."""
+"""Values of `LASTING` from which a car is searched: as cars on a floor mostly are, and one that does what its model does, at
+the speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are searched
+with the first are bent to that, and to the lag of the last samples where the speed changes."""
 
 
 class Vehicles(Family):
@@ -117,8 +110,8 @@ class Vehicles(Family):
             found = with_shares(simulator, every, drives, others, search, begun)
         else:
             found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
-        noisy = _begun_with_noise(simulator, found, drives, others, fit)
-        found = min(noisy, found, key=lambda c: _astray(simulator, c.values, drives))
+        noisy = begun_with_noise(simulator, found, drives, others, fit)
+        found, other = sorted((noisy, found), key=lambda c: astray(simulator, c.values, drives))
         horizons = horizons_for(simulator, [*drives, *others], HORIZONS)
         shown = (
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
@@ -128,9 +121,8 @@ class Vehicles(Family):
             *rolling(simulator.vehicle, {e.name: e.value for e in found.estimates}),
             *(sentence for each in shown for sentence in each),
         )
-        return replace(
-            found, estimates=slow_in_one_way(found.estimates), notes=notes, warnings=said_once(found.warnings)
-        )
+        estimates = slow_in_one_way(by_both(found.estimates, other.estimates))
+        return replace(found, estimates=estimates, notes=notes, warnings=said_once(found.warnings))
 
     def known_before(self, simulator: VehicleSimulator) -> bool:
         """See Family: a car that is told shares of an unknown most drives like none until it is calibrated."""
@@ -251,50 +243,9 @@ def with_shares(
     for values in (c.values for c in every):
         alone = search(simulator.searching(_only(LASTING, space, values)), drives, others, again=True).values
         tried += [values, alone, *(np.where(kept, [b.get(n, 0.0) for n in space.names], values) for b in begun)]
-    best = min(tried, key=lambda v: _astray(simulator, v, drives))
+    best = min(tried, key=lambda v: astray(simulator, v, drives))
     more = []
     if not any(np.array_equal(best, c.values) for c in every):
         told = dict(zip(space.names, best.tolist(), strict=True))
         more = [search(simulator.searching(space.freeze(LASTING, told)), drives, others, again=True)]
-    return min((*every, *more), key=lambda c: _astray(simulator, c.values, drives))
-
-
-def _begun_with_noise(
-    simulator: VehicleSimulator, found: Calibration, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
-) -> Calibration:
-    """The calibration, searched on from there with noise of the states at which predictions begin eliminated, where that is
-    much of what is left: all samples of a stretch share it, so that it moves estimates more than all other noise.
-
-    Whether a speed follows late by a slow command or by a soft controller is told only then, so both are searched from.
-    """
-    space, residuals = simulator.parameters, Ahead(simulator, drives).residuals(found.values, drives)
-    each = np.concatenate(residuals)
-    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=found.values)
-    if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
-        return found
-    lasting = [n for n in LASTING if n in space.names]
-    held = simulator.searching(space.freeze(lasting, dict(zip(space.names, found.values, strict=True))))
-    how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}
-    begun = [found.values, *_late_otherwise(held.parameters, found.values)]
-    ended = [fit(held, drives, others, **how, start=values) for values in begun]
-    return min(ended, key=lambda c: _astray(simulator, c.values, drives))
-
-
-def _late_otherwise(space: ParameterSpace, values: Array) -> list[Array]:
-    """Values (n,) of a vehicle whose command is as slow as its controller was soft, and the other way round; none of one that
-    does not pursue a speed, or of which these are not searched.
-    """
-    names = ("speed_lag", "speed_gain")
-    if any(n not in space.names or space[n].frozen for n in names):
-        return []
-    lag, gain = (space.names.index(n) for n in names)
-    other, (slow, stiff) = np.array(values), (space[n] for n in names)
-    other[lag] = np.clip(1.0 / values[gain], slow.lower, slow.upper)
-    other[gain] = np.clip(1.0 / max(values[lag], 1.0 / stiff.upper), stiff.lower, stiff.upper)
-    return [other]
-
-
-def _astray(simulator: VehicleSimulator, values: Array, drives: Sequence[Recording]) -> float:
-    """Mean over horizons of the logarithm of the mean error in m of predictions with values (n,)."""
-    errors = [e for d in drives if len(e := prediction_errors(simulator, values, d, HORIZONS))]
-    return float(np.mean(np.log(np.concatenate(errors).mean(axis=0)))) if errors else np.inf
+    return min((*every, *more), key=lambda c: astray(simulator, c.values, drives))

@@ -84,6 +84,8 @@ their tyres are found to slip.
 Delays, lags and the latency start as measured on small real vehicles: a fit that starts without any delay easily ends in a
 lag or a latency that stands for it, and a controller near its limit tells these apart."""
 
+LASTING = ("push_lasts", "trim_lasts", "speed_kept")
+"""How much of what a car showed beyond its model just before a prediction goes on: told by its own drives."""
 NOISES = ("position_noise", "heading_noise")
 """What a vehicle shows of its localisation without being simulated; it acts in closed loop only."""
 

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vehicles searched with the states at which predictions begin known but for their noise, and what that does to estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.calibration import Calibration, Estimate
+from trueup.engines.family import Fit
+from trueup.engines.vehicle.judging import Ahead
+from trueup.engines.vehicle.prediction import HORIZONS, prediction_errors
+from trueup.engines.vehicle.quantities import LASTING
+from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+
+ROUGHLY = ("first seconds", "all, coarse step")
+"""Stages of a search that see a part of the recordings, or all roughly: one that goes on from where a fit of all of them
+has ended would be led away from there."""
+STARTS_MATTER = 0.1
+"""Share of what samples of one prediction have in common from which noise of its start is eliminated."""
+
+
+def begun_with_noise(
+    simulator: VehicleSimulator, found: Calibration, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
+) -> Calibration:
+    """The calibration, searched on from there with noise of the states at which predictions begin eliminated, where that is
+    much of what is left: all samples of a stretch share it, so that it moves estimates more than all other noise.
+
+    Whether a speed follows late by a slow command or by a soft controller is told only then, so both are searched from.
+    """
+    space, residuals = simulator.parameters, Ahead(simulator, drives).residuals(found.values, drives)
+    each = np.concatenate(residuals)
+    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=found.values)
+    if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
+        return found
+    lasting = [n for n in LASTING if n in space.names]
+    held = simulator.searching(space.freeze(lasting, dict(zip(space.names, found.values, strict=True))))
+    how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}
+    begun = [found.values, *_late_otherwise(held.parameters, found.values)]
+    ended = [fit(held, drives, others, **how, start=values) for values in begun]
+    return min(ended, key=lambda c: astray(simulator, c.values, drives))
+
+
+def by_both(estimates: Sequence[Estimate], others: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """With intervals that hold whether starts of predictions are taken to be exact or not: how far that moves estimates is
+    what the model is wrong by, which neither fit alone shows.
+    """
+    beside = {e.name: e for e in others if e.fitted and np.isfinite([e.low, e.high]).all()}
+    return tuple(
+        replace(e, low=min(e.low, beside[e.name].low), high=max(e.high, beside[e.name].high))
+        if e.fitted and e.name in beside
+        else e
+        for e in estimates
+    )
+
+
+def _late_otherwise(space: ParameterSpace, values: Array) -> list[Array]:
+    """Values (n,) of a vehicle whose command is as slow as its controller was soft, and the other way round; none of one that
+    does not pursue a speed, or of which these are not searched.
+    """
+    names = ("speed_lag", "speed_gain")
+    if any(n not in space.names or space[n].frozen for n in names):
+        return []
+    lag, gain = (space.names.index(n) for n in names)
+    other, (slow, stiff) = np.array(values), (space[n] for n in names)
+    other[lag] = np.clip(1.0 / values[gain], slow.lower, slow.upper)
+    other[gain] = np.clip(1.0 / max(values[lag], 1.0 / stiff.upper), stiff.lower, stiff.upper)
+    return [other]
+
+
+def astray(simulator: VehicleSimulator, values: Array, drives: Sequence[Recording]) -> float:
+    """Mean over horizons of the logarithm of the mean error in m of predictions with values (n,)."""
+    errors = [e for d in drives if len(e := prediction_errors(simulator, values, d, HORIZONS))]
+    return float(np.mean(np.log(np.concatenate(errors).mean(axis=0)))) if errors else np.inf
