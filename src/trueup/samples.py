@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Integers, Mask
 
 _UNIT_NORM = 0.1
 """How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
@@ -50,6 +50,11 @@ def between(at: Array, time: Array, values: Array) -> Array:
 def way_along(points: Array) -> Array:
     """(N,) m from the first of (N, 2) points to each, along straight lines."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def stretches_of(there: Mask) -> Integers:
+    """(n, 2) the first of the samples (T,) of each stretch in which something is so, and the first one behind it."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int))).reshape(-1, 2)
 
 
 def wrapped(angles: Array) -> Array:

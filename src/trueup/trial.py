@@ -24,7 +24,7 @@ of a joint, or whatever else a robot takes."""
 
 RECKONED = "reckoned"
 """Key of a recording's provenance: channels, parted by spaces, that were reckoned from others. Runs begin as they say, and
-are not compared with them."""
+are not compared with them (`reckoned_of`)."""
 
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
@@ -274,6 +274,11 @@ def ended(recording: Recording) -> Ended | None:
     at, _, name = recording.provenance.get(ENDED, "").partition(" ")
     last = recording.time[-2:]
     return Ended(float(at), name) if name and float(at) <= recording.stop + LOOK + last[-1] - last[0] else None
+
+
+def reckoned_of(recording: Recording) -> frozenset[str]:
+    """Its channels that were reckoned from others."""
+    return frozenset(recording.provenance.get(RECKONED, "").split())
 
 
 def command_of(recording: Recording) -> Channel | None:

@@ -23,7 +23,7 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
-from trueup.trial import RECKONED, STEP, Trial, command_of
+from trueup.trial import STEP, Trial, command_of, reckoned_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class ArticulatedSimulator:
                     where = f"model '{self.name}' (channel '{channel.name}' of recording '{recording.name}')"
                     raise unknown_name("joint", label, self.engine.drives(), where)
         channels = self.engine.channels().items()
-        reckoned = recording.provenance.get(RECKONED, "").split()
+        reckoned = reckoned_of(recording)
         own = [
             n for n, labels in channels
             if recording.has(n) and n not in reckoned and set(recording.channel(n).labels) <= set(labels)

@@ -10,7 +10,7 @@ from trueup.inspection.inspection import motionless
 from trueup.inspection.repeats import BASE
 from trueup.inspection.sensors import is_accelerometer, is_gyro
 from trueup.recording import Recording, is_command
-from trueup.trial import RECKONED
+from trueup.trial import reckoned_of
 
 _OF_JOINTS = ("position", "velocity", "torque", "current", "acceleration")
 _UNBOUNDED = ("x", "y", "yaw")  # of a free base: where it has walked to says nothing of its joints
@@ -21,7 +21,7 @@ def others_of(recordings: Sequence[Recording]) -> dict[str, tuple[str, ...]]:
     reckoned from joints, which a simulator does not show.
     """
     found = {}
-    reckoned = {name for r in recordings for name in r.provenance.get(RECKONED, "").split()}
+    reckoned = {name for r in recordings for name in reckoned_of(r)}
     for name in recordings[0].channels:
         if is_command(name) or name in (*_OF_JOINTS, *reckoned) or not all(r.has(name) for r in recordings):
             continue

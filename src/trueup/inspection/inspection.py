@@ -13,6 +13,7 @@ from trueup.inspection.suspicions import suspicions
 from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import PRINTED
+from trueup.samples import stretches_of
 
 _GAP = 1.75  # in median steps: one sample missing
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
@@ -214,8 +215,7 @@ def _rests(there: Mask, time: Array) -> bool:
     """Whether samples stay at an extreme long enough, in one go and in all."""
     if float(np.mean(there)) < _STUCK_SHARE:
         return False
-    changes = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
-    starts, stops = changes[::2], changes[1::2] - 1
+    starts, stops = stretches_of(there).T - [[0], [1]]
     longest = int(np.argmax(stops - starts))
     seconds = float(time[stops[longest]] - time[starts[longest]])
     return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= _STUCK_SECONDS)

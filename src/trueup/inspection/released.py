@@ -16,6 +16,7 @@ from trueup.arrays import Array, Mask
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parts_between
 from trueup.recording import Recording
+from trueup.samples import stretches_of
 from trueup.trial import command_of
 
 _FAR = 0.2
@@ -124,8 +125,7 @@ def _stuck(one: _Apart, far: Array) -> Mask:
 
 def _runs(mask: Mask, time: Array) -> list[tuple[int, int]]:
     """First and last of the samples of each stretch that lasts long enough."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
-    return [(int(a), int(b) - 1) for a, b in edges if time[b - 1] - time[a] >= _LONG]
+    return [(int(a), int(b) - 1) for a, b in stretches_of(mask) if time[b - 1] - time[a] >= _LONG]
 
 
 def _let_go(one: _Apart, begin: int, end: int, follows: Array) -> bool:

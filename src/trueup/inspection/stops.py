@@ -11,6 +11,7 @@ from trueup.arrays import Array
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
+from trueup.samples import stretches_of
 from trueup.trial import command_of
 
 SIDES = {"lower": -1.0, "upper": 1.0}
@@ -55,8 +56,7 @@ def _stop(recordings: Sequence[Recording], joint: str, sign: float) -> tuple[flo
     visits, rests = 0, []
     for time, position, command, _ in parts:
         pressed = (sign * position > most - near) & (sign * command > most + near)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], pressed, [False]]).astype(int))).reshape(-1, 2)
-        for first, last in edges:
+        for first, last in stretches_of(pressed):
             if time[last - 1] - time[first] >= _LONG and float(np.ptp(command[first:last])) > _MOVES * near:
                 visits += 1
                 rests.append(position[first:last])

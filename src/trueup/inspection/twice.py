@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.instant import usual_step
 from trueup.recording import Recording
+from trueup.samples import stretches_of
 
 _FEWEST = 10
 """Samples in a row that are the same: of coarse encoders single ones are."""
@@ -43,6 +44,5 @@ def shared(one: Recording, other: Recording) -> float:
         places.setdefault(row, k)
     found = np.array([places.get(row, -1) for row in mine])
     goes_on = (found[1:] >= 0) & (np.diff(found) == 1)  # what rests is the same row again and again, and is not counted
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], goes_on, [False]]).astype(int))).reshape(-1, 2)
-    samples = sum(int(b - a) for a, b in edges if b - a >= _FEWEST)
+    samples = sum(int(b - a) for a, b in stretches_of(goes_on) if b - a >= _FEWEST)
     return samples * usual_step(channels[0].time) if samples else 0.0

@@ -34,7 +34,7 @@ from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
-from trueup.trial import RECKONED
+from trueup.trial import reckoned_of
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Preparation:
         measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
         used = (
             name for r in self.recordings
-            for name in (*self.simulator.observable(r), *self.family.reads(r), *r.provenance.get(RECKONED, "").split())
+            for name in (*self.simulator.observable(r), *self.family.reads(r), *reckoned_of(r))
         )  # fmt: skip
         left = ", ".join(sorted(measured.difference(used)))
         return (f"not used, since it is {self.family.compares}: {left}",) if left else ()

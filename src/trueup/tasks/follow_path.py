@@ -18,6 +18,7 @@ from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
 from trueup.rounding import PRINTED
+from trueup.samples import stretches_of
 from trueup.trial import Observed, Trial
 
 POINTS = ("front", "rear")
@@ -226,11 +227,9 @@ def too_tight(path: Path, settings: StanleySettings) -> str:
         x, y = path.points[int(curvature.argmax())]
         where = f"path '{path.name}' turns back on itself near x = {x:.3g}, y = {y:.3g} m"
         return f"{where}, and is followed forward only: give the sections ahead and back as paths of their own"
-    changes = np.flatnonzero(
-        np.diff(np.concatenate([[False], curvature > most * (1.0 + PRINTED), [False]]).astype(int))
-    )
+    first, behind = stretches_of(curvature > most * (1.0 + PRINTED)).T
     # A corner alone is beyond it from a wheelbase before.
-    runs = path.arc[changes[1::2] - 1] - path.arc[changes[::2]]
+    runs = path.arc[behind - 1] - path.arc[first]
     beyond = float(runs[runs > settings.wheelbase * (1.0 + PRINTED)].sum())
     if not beyond:
         return ""

@@ -66,8 +66,9 @@ class Spread(Quantity):
 
     def write(self, copies: Writable, target: str, values: Mapping[str, Array]) -> None:
         """See Quantity."""
-        scaled = np.ones_like(_spreads(copies, target))
-        scaled[:, self.axis] = values[self.name] / _spreads(copies, target)[:, self.axis]
+        before = _spreads(copies, target)
+        scaled = np.ones_like(before)
+        scaled[:, self.axis] = values[self.name] / before[:, self.axis]
         moments = second_moments(copies.get("body.inertia", target)) * scaled[:, :, None] * scaled[:, None, :]
         inertia = np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3) - moments
         copies.set("body.inertia", target, inertia)

@@ -31,7 +31,7 @@ from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
-from trueup.trial import RECKONED, STEP, Trial, command_of
+from trueup.trial import STEP, Trial, command_of, reckoned_of
 
 
 class MujocoSimulator:
@@ -151,7 +151,7 @@ class MujocoSimulator:
         command = command_of(recording)
         if command is not None and self.controller is None:
             actuators_of(self.model, command)
-        reckoned = recording.provenance.get(RECKONED, "").split()
+        reckoned = reckoned_of(recording)
         measured = [c for name, c in recording.channels.items() if not is_command(name) and name not in reckoned]
         return tuple(c.name for c in measured if source_of(self.model, self.compiled, c.name, c.labels) is not None)
 

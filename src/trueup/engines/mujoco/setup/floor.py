@@ -52,18 +52,19 @@ class Reach:
             found[i] = min(self._lowest_of(k)[0] for k in range(len(self.clouds)))
         return found - self._floor
 
-    def steps(self, labels: Sequence[str], poses: Array, bases: Array) -> tuple[Array, Integers]:
+    def steps(self, labels: Sequence[str], poses: Array, bases: Array) -> tuple[Array, Array, Integers]:
         """(T - 1, 3) in m, how the point of the robot that is lowest moves from each pose to the next (see `lowest`): the
         mean of where the one that was lowest goes, and of where the next one comes from. A foot that rolls does not move.
-        (T,) the body that it is of.
+        (T,) its height, and (T,) the body that it is of.
         """
         geoms = [g for g, _, _ in self.clouds]
         places, frames = np.empty((len(poses), len(geoms), 3)), np.empty((len(poses), len(geoms), 3, 3))
-        which, points = np.empty(len(poses), dtype=np.int64), np.empty((len(poses), 3))
+        which, points, low = np.empty(len(poses), dtype=np.int64), np.empty((len(poses), 3)), np.empty(len(poses))
         for i in self._posed(labels, poses, bases):
             places[i], frames[i] = self._data.geom_xpos[geoms], self._data.geom_xmat[geoms].reshape(-1, 3, 3)
-            which[i] = np.argmin([self._lowest_of(k)[0] for k in range(len(geoms))])
-            points[i] = self._lowest_of(int(which[i]))[1]
+            each = [self._lowest_of(k) for k in range(len(geoms))]
+            which[i] = np.argmin([height for height, _ in each])
+            low[i], points[i] = each[which[i]]
 
         def at(rows: Integers, shapes: Integers, own: Array) -> Array:
             return places[rows, shapes] + np.einsum("tij,tj->ti", frames[rows, shapes], own)
@@ -71,7 +72,7 @@ class Reach:
         now, then = np.arange(len(poses) - 1), np.arange(1, len(poses))
         ahead = at(then, which[now], points[now]) - at(now, which[now], points[now])
         moved = 0.5 * (ahead + at(then, which[then], points[then]) - at(now, which[then], points[then]))
-        return moved, self.model.geom_bodyid[np.array(geoms)[which]]
+        return moved, low - self._floor, self.model.geom_bodyid[np.array(geoms)[which]]
 
     def _posed(self, labels: Sequence[str], poses: Array, bases: Array | None) -> Iterator[int]:
         """Each pose's number, with the robot in it."""

@@ -86,9 +86,9 @@ def path(reach: Reach, labels: Sequence[str], poses: Array, turns: Array) -> tup
     """
     bases = np.hstack([np.zeros((len(poses), 3)), turns])
     place = np.zeros((len(poses), 3))
-    moved, bodies = reach.steps(labels, poses, bases)
+    moved, heights, bodies = reach.steps(labels, poses, bases)
     place[1:] = -np.cumsum(moved, axis=0)
-    place[:, 2] = -reach.lowest(labels, poses, bases)
+    place[:, 2] = -heights
     return place, bodies
 
 
