@@ -237,9 +237,9 @@ def add_refuse(parser: argparse.ArgumentParser) -> None:
     """The option that refuses what was diagnosed."""
     parser.add_argument("--refuse", nargs="+", action="extend", default=[], metavar="NAME",
                         help="leave as it is what the recordings show to be wrong or missing: tendons, names, strangers "
-                             "(joints), spikes, torques, sensors, turns, heights, feet (telling where the base was), "
-                             "pauses, released, lifts, base, servos, gravity, overlaps, still (joints), floor, stops, "
-                             "zero, clock")  # fmt: skip
+                             "(joints), spikes, torques, sensors, turns, gains, feedforward, heights, feet (telling "
+                             "where the base was), pauses, released, lifts, base, servos, gravity, overlaps, still "
+                             "(joints), floor, stops, zero, clock")  # fmt: skip
 
 
 def refusable(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:
