@@ -17,6 +17,7 @@ from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.campaign.returned import as_asked
+from trueup.ends import Ended, with_end
 from trueup.errors import RecordingError, TrialError
 from trueup.recording import Channel, Recording
 from trueup.trial import Observed, Trial
@@ -127,6 +128,15 @@ def test_a_clock_in_ms_is_named_where_the_command_is_by_it_too() -> None:
     assert trial.command is not None
     with pytest.raises(TrialError, match="its clock is in another unit"):
         as_asked(trial, [timed(measured.with_channel(trial.command.replace(time=measured.time)), 1000.0)])
+
+
+def test_a_fall_after_a_sixtieth_of_a_run_is_no_clock_in_minutes() -> None:
+    trial, measured = sent()
+    fell = with_end(measured.slice(measured.start, measured.start + 0.05), Ended(measured.start + 0.05, "fallen"))
+    (recording,) = as_asked(trial, [fell])
+    assert len(recording.channel("position").time) == 6
+    with pytest.raises(TrialError, match=r"its clock is in another unit \(min\)"):
+        as_asked(trial, [with_end(timed(measured, 1.0 / 60.0), Ended(measured.stop / 60.0, "fallen"))])
 
 
 def test_joints_in_another_order_than_their_labels_are_named() -> None:

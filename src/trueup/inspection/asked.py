@@ -41,21 +41,34 @@ def lasting(trial: Trial, recording: Recording) -> Unlike | None:
     if lasts <= 0.0:
         return Unlike("instant", "it holds a single instant")
     ratio = lasts / trial.duration
+    ended = ratio < 1.0 and end_of(recording, trial.ends) is not None
+    # How long a run was that ended early tells no clock; how far apart its samples are does.
+    paced = _paced(trial, recording) if ended else ratio
     sizes = {unit: to_si(unit)[1] for unit in _TIMES}
     clocks = {1.0 / size: unit for unit, size in sizes.items()} | {s: f"s read as {unit}" for unit, s in sizes.items()}
     for factor, unit in clocks.items():
-        if abs(np.log(ratio / factor)) < 0.5:
+        if max(abs(np.log(ratio / factor)), abs(np.log(paced / factor))) < 0.5:
             return Unlike(
                 "clock",
                 f"it lasts {lasts:.4g} s, {ratio:.3g} times the {trial.duration:.4g} s that were asked for: its clock is in "
                 f"another unit ({unit})",
             )
     enough = _COMPLETE if trial.command is not None else _ARRIVED
-    if ratio < enough and end_of(recording, trial.ends) is None:
+    if ratio < enough and not ended:
         return Unlike("short", f"it lasts {lasts:.4g} s of {trial.duration:.4g} s")
     if ratio > _TOO_LONG:
         return Unlike("long", f"it lasts {lasts:.4g} s, {ratio:.2g} times what was asked for")
     return None
+
+
+def _paced(trial: Trial, recording: Recording) -> float:
+    """Times as far apart as was asked for that samples are, of the channel in which that is least."""
+    apart = [
+        np.median(np.diff(recording.channel(n).time)) / np.median(np.diff(o.time))
+        for n, o in trial.observed.items()
+        if len(o.time) > 1
+    ]
+    return float(min(apart, default=1.0))
 
 
 def swapped(asked: Channel, recording: Recording) -> Unlike | None:
