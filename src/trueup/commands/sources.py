@@ -239,7 +239,7 @@ def add_refuse(parser: argparse.ArgumentParser) -> None:
                         help="leave as it is what the recordings show to be wrong or missing: tendons, names, strangers "
                              "(joints), spikes, torques, sensors, turns, gains, feedforward, heights, feet (telling "
                              "where the base was), pauses, released, lifts, base, servos, gravity, overlaps, still "
-                             "(joints), floor, stops, zero, clock")  # fmt: skip
+                             "(joints), floor, stops, zero, clock, disturbed")  # fmt: skip
 
 
 def refusable(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
+from trueup.loop.disturbed import LeftOut
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.parameters import ParameterSpace
@@ -49,12 +50,11 @@ class Fit:
     scatter: Array | None = None
     """(n_free, n_free) uncertainty that residuals do not show: mean square by which the place changes that slopes point
     to, from one side of the optimum to the other (see `probe.py`), and with other noise at the starts (`starts.py`)."""
-    near: Problem | None = None
-    """A cheaper problem at the level of the real one, if the fit was made with one."""
+    near: Problem | None = None  # a cheaper problem at the level of the real one, if the fit was made with one
     coarse_step: float | None = None  # s, that simulates nearly the same: changes may be looked at with it
-    starts: Starts | None = None
-    """Corrections of the measured starts, if those matter."""
+    starts: Starts | None = None  # corrections of the measured starts, if those matter
     shot: Problem | None = None  # the problem with these, which was solved
+    disturbed: LeftOut = field(default_factory=LeftOut)  # why the search ended early: to be begun without this
     notes: tuple[str, ...] = ()
     """What was decided on the way, in words."""
 

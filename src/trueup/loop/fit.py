@@ -15,6 +15,7 @@ from trueup.errors import CalibrationError
 from trueup.loop.alike import all_alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
+from trueup.loop.disturbed import NAME
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
 from trueup.loop.problem import FAITHFUL, Problem
@@ -37,6 +38,7 @@ from trueup.loop.stages import (
     probing,
     refinement,
     selection,
+    undisturbed,
 )
 from trueup.loop.untold import asked_again
 from trueup.parameters import ParameterSpace
@@ -67,6 +69,7 @@ _GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _ALIKE = Stage("all alike", all_alike)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
+_ALONE = Stage(NAME, undisturbed)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
@@ -75,17 +78,19 @@ _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("pr
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
-    _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN, Stage("off bounds", off_bounds), *_AROUND,
+    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _FIRST, *_ELSEWHERE, _COARSE_STEP, _ALONE, *_ELSEWHERE, _PROFILES, _SELECTION,
+    _GROWTH, _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
+_FIRST_LOOKS = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP)
+_LAST_LOOKS = (_SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
+DESCENT = (*_FIRST_LOOKS, *_LAST_LOOKS)
 """Nothing but where slopes lead."""
 REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
 SHIPPED = (Stage("as it came", as_it_came),)
 """Nothing is searched."""
-_SLOPES = (*DESCENT, *_AROUND)
+_SLOPES = (*_FIRST_LOOKS, _ALONE, *_LAST_LOOKS, *_AROUND)
 
 SEARCHES = {
     "auto": STAGES,
@@ -135,8 +140,11 @@ def fit(
         descent.take_up(begun.jacobian[:, [not space[p.name].frozen for p in begun.space.parameters if not p.frozen]])
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
+        if run.disturbed.gaps:
+            break
     step = None if run.coarse is run.problem else run.coarse.simulator.step
-    return replace(run.found, notes=(*run.notes, *_approximated(run.found.near or run.coarse)), coarse_step=step)
+    notes = (*run.notes, *_approximated(run.found.near or run.coarse))
+    return replace(run.found, notes=notes, coarse_step=step, disturbed=run.disturbed)
 
 
 def _approximated(problem: Problem) -> tuple[str, ...]:

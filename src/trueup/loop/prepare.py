@@ -25,6 +25,7 @@ from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.inspection.si import in_si
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
+from trueup.loop.disturbed import NAME, disturbed, seen_in
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
@@ -99,7 +100,8 @@ class Preparation:
             without: Collection[str] = (), start: Array | None = None,
         ) -> Calibration:  # fmt: skip
             stages = tuple(s for s in chosen.stages or searched_by(chosen.search) if s.name not in without)
-            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate, stages=stages)
+            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate, stages=stages,
+                            undisturbed=chosen.undisturbed and NAME not in self.refuse)  # fmt: skip
             how: dict[str, Any] = {
                 "discrepancy": discrepancy or measure, "progress": progress,
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,
@@ -209,7 +211,8 @@ class Preparation:
         shown = self.family.as_recorded(found, every)
         judged, nominal = tuple(dict.fromkeys(r.channel for r in found)), self.simulator.parameters.nominal
         ahead = () if predictions else predicted_ahead(self.simulator, nominal, every, judged)
-        return Comparison(shown, predictions, ahead, notes, broken)
+        acted = disturbed(seen_in(found, every)).notes
+        return Comparison(shown, predictions, ahead, (*notes, *acted), broken)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
         if not isinstance(self.family, type(family_of(path))):

@@ -12,6 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
+from trueup.loop.disturbed import LeftOut, disturbed, seen_by
 from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved, losses_at
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
@@ -53,6 +54,8 @@ class Run:
     untold: Mapping[str, Parameter] = field(default_factory=dict)
     """What was frozen because the recordings did not tell it, as declared, by name."""
     notes: list[str] = field(default_factory=list)
+    disturbed: LeftOut = field(default_factory=LeftOut)
+    """Stretches that no values replay: the search ends where these are seen, to be begun without them."""
     ended: Fit | None = None
 
     @property
@@ -158,6 +161,12 @@ def coarse_step(run: Run) -> None:
     """All recordings at a coarser step."""
     if run.coarse is not run.problem:
         run.go(Look("all, coarse step", run.coarse, run.coarse, 5.0, 25, run.problem))
+
+
+def undisturbed(run: Run) -> None:
+    """Whether something acted on the robot, as soon as all recordings were looked at."""
+    if run.looks and run.look.problem.duration >= run.problem.duration:
+        run.disturbed = disturbed(seen_by(run.look.problem, run.descent.space.from_unit(run.descent.point)))
 
 
 def refinement(run: Run) -> None:

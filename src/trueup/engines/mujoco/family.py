@@ -74,6 +74,7 @@ _CHANGES = (
 DIAGNOSES = (
     "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "heights",
     "feet", "pauses", "released", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+    "disturbed",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 

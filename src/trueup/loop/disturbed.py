@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stretches in which something acted on the robot that no model has: a collision, a hand, drives that let go.
+
+Where a model replays recordings but for a few stretches, off there by far more than anywhere else although nothing out of the
+ordinary was asked of the robot, it has its drives and links. What acted then is in no log, so no values replay it, and a
+robust loss only keeps it from doing worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from trueup.arrays import Array, Mask
+from trueup.calibration import Replay
+from trueup.inspection.inspection import Gap
+from trueup.inspection.pauses import parts_between
+from trueup.inspection.repeats import BASE
+from trueup.loop.problem import Problem
+from trueup.recording import Recording
+from trueup.samples import stretches_of
+from trueup.trial import command_of
+
+NAME = "disturbed"
+"""By which leaving such stretches out may be refused."""
+_JOINTS = "position"
+"""The channel in which it is seen."""
+_USUAL = 6.0
+"""Times how far a joint is usually off (the median), and times its noise: less is nothing that was seen to act."""
+_NOISE = 0.6745
+"""The median size of noise, in units of its standard deviation."""
+_FAR = 5.0
+"""Times how far joints are off anywhere else. In logs of real robots on which nothing acted the largest error is up to 2.8
+times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3); a table in the way, or a push of 60 N, are 10 to 100."""
+_LONG = 0.5
+"""s: what comes again within it is one stretch. Half of it before and behind goes too, since a touch begins unseen."""
+_MOST = 0.5
+"""Of a recording: what differs for longer than that was another robot, or another load."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """How far the joints of a recording are from their replay."""
+
+    recording: Recording
+    labels: tuple[str, ...]
+    time: Array
+    """(T,) in s."""
+    off: Array
+    """(T, k) in units of the noise, without sign; NaN where nothing was measured."""
+    unit: Array
+    """(k,) one unit of it in rad or m."""
+
+    @cached_property
+    def asked(self) -> Array:
+        """(T, k) how far the command of each joint goes within `_LONG` before an instant; 0 where it has none."""
+        asked, command = np.zeros((len(self.time), len(self.labels))), command_of(self.recording)
+        if command is None:
+            return asked
+        own = [k for k, label in enumerate(self.labels) if label in command.labels]
+        told = command.select([self.labels[k] for k in own]).at(self.time, hold=True)
+        first = np.searchsorted(self.time, self.time - _LONG)
+        for k, column in zip(own, np.nan_to_num(told).T, strict=True):
+            asked[:, k] = [np.ptp(column[a : b + 1]) for b, a in enumerate(first)]
+        return asked
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Where joints are far off: of the samples of `seen`, `first` to `last`."""
+
+    seen: Seen
+    first: int
+    last: int
+    times: Array
+    """(k,) how far each joint is off at most, in times of what is usual."""
+    excess: float
+    """The largest of these, for each time that more was asked than elsewhere."""
+
+    @property
+    def gap(self) -> Gap:
+        """With what hangs on it before and behind."""
+        time = self.seen.time
+        start = max(float(time[0]), float(time[self.first]) - 0.5 * _LONG)
+        return Gap(start, float(time[self.last]) + 0.5 * _LONG - start)
+
+    def words(self, rest: float) -> str:
+        """When, and how far which joints are off, with `rest` of the others in times of what is usual."""
+        far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > _USUAL]
+        most = np.nan_to_num(self.seen.off[self.first : self.last + 1]).max(axis=0) * self.seen.unit
+        unit = {"rad": "mrad", "m": "mm"}
+        units = [unit[self.seen.recording.channel(_JOINTS).unit_of(label)] for label in self.seen.labels]
+        named = ", ".join(f"{self.seen.labels[k]} by {1e3 * most[k]:.3g} {units[k]}" for k in far[:3])
+        return (
+            f"{self.gap.start:.4g} ... {self.gap.start + self.gap.duration:.4g} s, {named}{' ...' * (len(far) > 3)}, "
+            f"{self.excess / rest:.2g} times as far as anywhere else"
+        )
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Stretches that a calibration goes on without, one finding after the other."""
+
+    gaps: tuple[Mapping[str, Sequence[tuple[float, float]]], ...] = ()
+    """Of each finding: (start, duration) in s of the stretches of recordings, by name."""
+    notes: tuple[str, ...] = ()
+
+    def of(self, recordings: Sequence[Recording]) -> list[Recording]:
+        """Recordings in parts between these stretches, each from where the robot was; the others are the same objects."""
+        result = list(recordings)
+        for found in self.gaps:
+            parts = [parts_between(r, [Gap(*g) for g in found.get(r.name, ())]) for r in result]
+            result = [p for r, own in zip(result, parts, strict=True) for p in (own if r.name in found else [r])]
+        return result
+
+    def touches(self, recordings: Sequence[Recording]) -> bool:
+        """Whether any of these has such a stretch."""
+        return any(r.name in found for found in self.gaps for r in recordings)
+
+    def said(self, done: bool) -> tuple[str, ...]:
+        """What was found, and whether that was `done` without."""
+        if not done:
+            return tuple(f"refused, and so not left out: {note}" for note in self.notes)
+        what = "That is left out, and it is replayed in parts, each from where the robot was measured to be"
+        return tuple(f"{note}. {what} (--refuse {NAME}: it stays)" for note in self.notes)
+
+    def and_also(self, found: LeftOut) -> LeftOut:
+        """With what was found in the parts."""
+        return LeftOut((*self.gaps, *found.gaps), (*self.notes, *found.notes))
+
+    def kept_by(self, checkpoint: Callable[[dict[str, Any]], None] | None) -> Callable[[dict[str, Any]], None] | None:
+        """A checkpoint that keeps this with the state of a search."""
+        state = {"gaps": [{k: list(v) for k, v in g.items()} for g in self.gaps], "notes": list(self.notes)}
+        return checkpoint if checkpoint is None or not self.gaps else lambda saved: checkpoint({**saved, NAME: state})
+
+    @classmethod
+    def kept_in(cls, state: Mapping[str, Any] | None) -> LeftOut:
+        """What a checkpoint kept."""
+        kept = (state or {}).get(NAME)
+        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]))
+
+
+def seen_by(problem: Problem, values: Array) -> list[Seen]:
+    """The problem's recordings of joints beside their replays with values (n,)."""
+    if not any(s.channel == _JOINTS for s in problem.segments):
+        return []
+    residual = problem.residuals(values[None])[0]
+    parts: dict[tuple[int, tuple[str, ...]], list[tuple[Array, Array, Array]]] = {}
+    for s in problem.segments:
+        if s.channel == _JOINTS:
+            time = problem.trials[s.trial].observed[s.channel].time
+            off = np.where(s.mask, np.abs(s.shaped(residual)), np.nan)
+            parts.setdefault((s.recording, s.labels), []).append((time, off, s.scale))
+    joined = [
+        Seen(
+            problem.recordings[k],
+            labels,
+            np.concatenate([t for t, _, _ in own]),
+            np.concatenate([o for _, o, _ in own]),
+            own[0][2],
+        )
+        for (k, labels), own in parts.items()
+    ]
+    return joined if np.isfinite(residual).all() else []
+
+
+def seen_in(replays: Sequence[Replay], recordings: Sequence[Recording]) -> list[Seen]:
+    """Recordings of joints beside their replays `after`."""
+    by_name = {r.name: r for r in recordings}
+    return [
+        Seen(
+            by_name[r.recording],
+            r.labels,
+            r.time + by_name[r.recording].start,
+            np.abs(r.after - r.measured) / r.noise,
+            r.noise,
+        )
+        for r in replays
+        if r.channel == _JOINTS and r.noise.size and r.noise.all()
+    ]
+
+
+def disturbed(every: Sequence[Seen]) -> LeftOut:
+    """Stretches in which something acted on the robot that the model does not have; none of robots on a free base, whose
+    replays part by chance.
+    """
+    if any(one.recording.has(name) for one in every for name in BASE):
+        return LeftOut()
+    found, rest = _outstanding(*_stretches(every))
+    own = {s.seen.recording.name: [t for t in found if t.seen is s.seen] for s in found}
+    gaps = {name: [(s.gap.start, s.gap.duration) for s in stretches] for name, stretches in own.items()}
+    notes = tuple(
+        f"in '{name}' something acted on the robot that the model does not have, a collision, a hand, or drives that let go "
+        f"({'; '.join(s.words(rest) for s in stretches[:3])}{' ...' * (len(stretches) > 3)})"
+        for name, stretches in own.items()
+    )
+    return LeftOut((gaps,) if gaps else (), notes)
+
+
+def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
+    """Where joints are far off and may have been disturbed, and how far they are anywhere else, in times of what is usual."""
+    usual = _by_label(every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), _NOISE))
+    found, rest = list[_Stretch](), _USUAL
+    for one in every:
+        times = np.nan_to_num(one.off) / np.array([usual[label] for label in one.labels])
+        own = _joined(np.any(times > _USUAL, axis=1), one.time)
+        lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > _MOST * float(one.time[-1] - one.time[0])
+        for first, last in own:
+            most = times[first : last + 1].max(axis=0)
+            if lasting or first == 0:  # another robot, or one that was not yet where its replay begins
+                rest = max(rest, float(most.max()))
+            else:
+                found.append(_Stretch(one, first, last, most, float(most.max()) / _unusual(every, one, first, last)))
+    return found, rest
+
+
+def _joined(far: Mask, time: Array) -> list[tuple[int, int]]:
+    """First and last of the samples of each stretch, those that are less than `_LONG` apart as one."""
+    joined: list[tuple[int, int]] = []
+    for begin, end in stretches_of(far).tolist():
+        if joined and time[begin] - time[joined[-1][1]] < _LONG:
+            begin = joined.pop()[0]
+        joined.append((begin, end - 1))
+    return joined
+
+
+def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
+    """How many times as far as anywhere else the command of some joint went in a stretch; at least 1."""
+    until = int(np.searchsorted(seen.time, seen.time[last] + _LONG, side="right"))
+    rest = [one.asked if one is not seen else np.delete(one.asked, np.s_[first:until], axis=0) for one in every]
+    elsewhere = _by_label(every, rest, lambda values: float(values.max(initial=0.0)))
+    inside = seen.asked[first : last + 1].max(axis=0)
+    least = np.maximum([elsewhere[label] for label in seen.labels], seen.unit)
+    return max(1.0, float((inside / least).max()))
+
+
+def _outstanding(found: Sequence[_Stretch], rest: float) -> tuple[list[_Stretch], float]:
+    """Those of the stretches that stand out from all that is less, and how far joints are off there."""
+    ordered = sorted(found, key=lambda s: -s.excess)
+    for k in reversed(range(len(ordered))):
+        least = max([rest, *(s.excess for s in ordered[k + 1 :])])
+        if ordered[k].excess > _FAR * least:
+            return sorted(ordered[: k + 1], key=lambda s: s.first), least
+    return [], rest
+
+
+def _by_label(every: Sequence[Seen], values: Sequence[Array], of: Callable[[Array], float]) -> dict[str, float]:
+    """One number for each joint, of its columns of the `values` (T, k) of all recordings."""
+    columns: dict[str, list[Array]] = {}
+    for one, each in zip(every, values, strict=True):
+        for label, column in zip(one.labels, each.T, strict=True):
+            columns.setdefault(label, []).append(column)
+    return {label: of(np.concatenate(own)) for label, own in columns.items()}
