@@ -12,6 +12,7 @@ from trueup import formats
 from trueup.calibration import Replay, by_unit
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.drives import suited
+from trueup.errors import RecordingError
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
@@ -19,19 +20,26 @@ _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-100 100"
 <actuator><position joint="j"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize(("largest", "unit"), [(90.0, "rad"), (400.0, "")])
-def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path, largest: float, unit: str) -> None:
+def test_counts_of_an_encoder_are_refused_with_what_to_write(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(_ARM)
     time = np.arange(0.0, 2.0, 0.02)
-    swing = largest * np.sin(3.0 * time)[:, None]
+    counts = np.round(2e5 * np.sin(3.0 * time))[:, None]
+    run = Recording("run", {name: Channel(name, ("j",), "", time, counts) for name in ("position", "command")})
+    with pytest.raises(RecordingError, match=r"'j', which reaches 2e\+05, is beyond its range .* counts of an encoder"):
+        prepare(tmp_path / "arm.xml", [run])
+
+
+def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(_ARM)
+    time = np.arange(0.0, 2.0, 0.02)
+    swing = 90.0 * np.sin(3.0 * time)[:, None]
     channels = [Channel("position", ("j",), "", time, swing), Channel("command", ("j",), "", time, swing),
                 Channel("velocity", ("j",), "", time, 3.0 * swing)]  # fmt: skip
     (found,), notes = suited(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])
-    assert found.channel("position").unit == found.channel("command").unit == unit
-    assert bool(notes) == bool(unit)
-    if unit:
-        np.testing.assert_allclose(found.channel("command").values, np.radians(swing))
-        np.testing.assert_allclose(found.channel("velocity").values, np.radians(3.0 * swing))
+    assert found.channel("position").unit == found.channel("command").unit == "rad"
+    assert notes
+    np.testing.assert_allclose(found.channel("command").values, np.radians(swing))
+    np.testing.assert_allclose(found.channel("velocity").values, np.radians(3.0 * swing))
 
 
 def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:

@@ -127,3 +127,17 @@ def test_a_name_of_another_format_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"not as '\.csv'; name it 'run\.parquet'"):
         formats.write(recording, tmp_path / "run.csv")
     assert not (tmp_path / "run.csv").exists()
+
+
+def test_lists_beside_the_names_of_joints_are_of_these_joints(tmp_path: Path) -> None:
+    joints, angles = ["elbow", "hip"], np.random.default_rng(0).normal(size=(40, 2))
+    state = [
+        {"name": joints[:: 1 - 2 * (i % 2)], "position": row[:: 1 - 2 * (i % 2)].tolist()}
+        for i, row in enumerate(angles)
+    ]
+    motors = [[{"id": "m1", "current_A": 0.1 * i}, {"id": "m2", "current_A": 0.2}] for i in range(40)]
+    pq.write_table(pa.table({"time": 0.01 * np.arange(40), "state": state, "motors": motors}), tmp_path / "log.parquet")
+    (recording,) = formats.read(tmp_path / "log.parquet")
+    position = recording.channel("position")
+    assert position.select(joints).values == pytest.approx(angles)
+    assert recording.channel("current").values.shape == (40, 2)

@@ -9,14 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from trueup import files
-from trueup.arrays import Array
 from trueup.errors import FormatError
-from trueup.formats.dates import parse_clock
+from trueup.formats.entries import NAMES, columns_of, flat, from_entries
 from trueup.formats.rules.names import words as split_words
-from trueup.formats.table import Table, numbers, shown
-
-_NAMES = frozenset(["name", "names", "joints", "labels"])
-"""Words of a key below which the names of joints stand."""
+from trueup.formats.table import Table, shown
 
 
 def read(path: Path) -> Table:
@@ -29,7 +25,7 @@ def read(path: Path) -> Table:
         raise FormatError(f"{path} is empty")
     data, warnings = _parse(text, path)
     found = _find(data, path)
-    columns, words = _columns(found, str(path), warnings)
+    columns, words = columns_of(found, str(path), warnings)
     if not columns:
         raise FormatError(f"{path}: no numbers found in its {len(found)} {'keys' if found else 'entries'}")
     metadata = _facts(data) if isinstance(data, dict) else {}
@@ -70,14 +66,14 @@ def _parse_lines(lines: Sequence[str], path: Path) -> tuple[list[Any], list[str]
 def _find(data: Any, path: Path) -> dict[str, list[Any]]:
     """Cells by column name, from the shapes that logs have."""
     if isinstance(data, list):
-        return _from_entries(data, path, "")
+        return from_entries(data, path, "")
     if not isinstance(data, dict):
         raise FormatError(f"{path}: holds {shown(data)}; a list of entries or columns by name is needed")
-    lists = {key: value for key, value in _flat(data).items() if isinstance(value, list) and value}
+    lists = {key: value for key, value in flat(data).items() if isinstance(value, list) and value}
     entries = {key: value for key, value in lists.items() if isinstance(value[0], dict)}
     if entries:
         longest = max(entries, key=lambda key: len(entries[key]))
-        return _from_entries(entries[longest], path, longest)
+        return from_entries(entries[longest], path, longest)
     lengths = [len(value) for value in lists.values()]
     if not lengths:
         raise FormatError(f"{path}: holds no list of samples; its keys are: {', '.join(map(str, data)) or 'none'}")
@@ -93,111 +89,9 @@ def _find(data: Any, path: Path) -> dict[str, list[Any]]:
     return columns
 
 
-def _from_entries(entries: Sequence[Any], path: Path, key: str) -> dict[str, list[Any]]:
-    where = f"{path}, '{key}'" if key else str(path)
-    if not entries:
-        raise FormatError(f"{where}: the list is empty")
-    if all(isinstance(entry, list) for entry in entries):  # rows without names
-        width = max(len(entry) for entry in entries)
-        for i, entry in enumerate(entries):
-            if len(entry) != width:
-                raise FormatError(f"{where}, entry {i + 1}: {len(entry)} numbers, others have {width}")
-        return {f"column_{k + 1}": [entry[k] for entry in entries] for k in range(width)}
-    columns: dict[str, list[Any]] = {}
-    for i, entry in enumerate(entries):
-        if not isinstance(entry, dict):
-            raise FormatError(f"{where}, entry {i + 1}: {shown(entry)} is not an object with keys")
-        for name, value in _flat(_with_named_lists(entry)).items():
-            if name not in columns:  # setdefault would make a list for every cell
-                columns[name] = [None] * len(entries)
-            columns[name][i] = value
-    return columns
-
-
-def _with_named_lists(entry: Mapping[str, Any], depth: int = 0) -> dict[str, Any]:
-    """An entry in which lists of numbers beside a list of as many names are one number for each name, as ROS says what of a
-    message is which joint's; messages may name other joints, in another order.
-    """
-    named = {key: value for key, value in entry.items() if _are_names(key, value)}
-    made: dict[str, Any] = {}
-    beside: set[str] = set()
-    for key, value in entry.items():
-        by = next((n for n in named if isinstance(value, list) and n != key and len(named[n]) == len(value)), None)
-        if isinstance(value, dict) and depth < 20:
-            made[key] = _with_named_lists(value, depth + 1)
-        elif depth < 20 and isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
-            made |= {f"{key}{part}": _with_named_lists(each, depth + 1) for part, each in _by_part(value)}
-        elif by is not None and key not in named:
-            beside.add(by)
-            made |= {f"{key}/{name}": each for name, each in zip(named[by], value, strict=True)}
-        else:
-            made[key] = value
-    return {key: value for key, value in made.items() if key not in beside}
-
-
-def _by_part(objects: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(what tells it apart, object) of each in a list of them, as a bus of motors has one for each: by the name that it says
-    of itself, or by its place.
-    """
-    said = [
-        next(
-            (str(value) for key, value in each.items() if isinstance(value, str) and _NAMES & set(split_words(key))), ""
-        )
-        for each in objects
-    ]
-    named = len(set(said)) == len(said) and all(said)
-    for i, (name, each) in enumerate(zip(said, objects, strict=True)):
-        if named:
-            yield f"/{name}", {key: value for key, value in each.items() if value != name}
-        else:
-            yield f"[{i}]", dict(each)
-
-
-def _are_names(key: str, value: Any) -> bool:
-    """Whether these are names of joints beside their signals: distinct words, whose key says so."""
-    words = isinstance(value, list) and bool(value) and all(isinstance(entry, str) for entry in value)
-    return words and len(set(value)) == len(value) and bool(_NAMES & set(split_words(key)))
-
-
-def _columns(
-    found: Mapping[str, list[Any]], where: str, warnings: list[str]
-) -> tuple[dict[str, Array], dict[str, list[str]]]:
-    """Columns of numbers, and of words; what was assumed to read them is added to `warnings`."""
-    columns: dict[str, Array] = {}
-    words: dict[str, list[str]] = {}
-    for name, cells in found.items():
-        values = numbers(cells, f"{where}, key '{name}'", "entry")
-        if isinstance(values, list):
-            clock = parse_clock(values)
-            values = values if clock is None else clock.time
-            warnings += [f"{where}, key '{name}': {clock.note}"] if clock is not None and clock.note else []
-        if isinstance(values, list):
-            words[name] = values
-        elif values.size:
-            columns[name] = values
-    return columns, words
-
-
-def _flat(data: Mapping[str, Any], prefix: str = "", depth: int = 0) -> dict[str, Any]:
-    """Nested objects as "outer.inner"."""
-    result: dict[str, Any] = {}
-    for key, value in data.items():
-        name = prefix + _printable(key)
-        if isinstance(value, dict) and depth < 20:
-            result.update(_flat(value, f"{name}.", depth + 1))
-        else:
-            result[name] = _printable(value) if isinstance(value, str) else value
-    return result
-
-
-def _printable(text: str) -> str:
-    """JSON can escape half a character, which no terminal or file could show."""
-    return text.encode("utf-8", "replace").decode("utf-8")
-
-
 def _facts(data: Mapping[str, Any]) -> dict[str, str]:
     """Single values at the top, such as a mass or a gain, and short lists of numbers, such as a gain for each joint."""
-    return {key: str(value) for key, value in _single(_flat(data)) if len(str(value)) < 200}
+    return {key: str(value) for key, value in _single(flat(data)) if len(str(value)) < 200}
 
 
 def _single(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -210,8 +104,8 @@ def _single(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 def _names(data: Mapping[str, Any]) -> tuple[str, ...]:
     """The names of joints beside the signals: the only list of words whose key says so; () without one."""
     found = [
-        tuple(value) for key, value in _flat(data).items()
+        tuple(value) for key, value in flat(data).items()
         if isinstance(value, list) and value and all(isinstance(entry, str) for entry in value)
-        and _NAMES & set(split_words(key))
+        and NAMES & set(split_words(key))
     ]  # fmt: skip
     return found[0] if len(found) == 1 and len(set(found[0])) == len(found[0]) else ()

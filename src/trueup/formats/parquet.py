@@ -20,6 +20,7 @@ from trueup.arrays import Array
 from trueup.errors import FormatError, OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.dates import parse_clock
+from trueup.formats.entries import columns_of, from_entries
 from trueup.formats.table import Table, listing, numbers
 from trueup.recording import Channel, Recording
 from trueup.units import to_si
@@ -114,9 +115,12 @@ def _foreign(table: pa.Table, path: Path) -> Table:
         if not any(pa.types.is_struct(field.type) for field in table.schema):
             break
         table = table.flatten()
-    columns: dict[str, Array] = {}
-    words: dict[str, list[str]] = {}
-    notes: list[str] = []
+    columns, words, notes = dict[str, Array](), dict[str, list[str]](), list[str]()
+    nested, table = _by_name(table)
+    for prefix, samples in nested.items():
+        found, said = columns_of(from_entries(samples, path, prefix), str(path), notes)
+        columns |= {f"{prefix}{name}": values for name, values in found.items()}
+        words |= {f"{prefix}{name}": values for name, values in said.items()}
     for name in dict.fromkeys(table.column_names):
         values = _values(table.column(table.column_names.index(name)), f"{path}, column '{name}'", notes)
         if isinstance(values, list):
@@ -126,6 +130,29 @@ def _foreign(table: pa.Table, path: Path) -> Table:
     if not columns:
         raise FormatError(f"{path}: no column of numbers; columns are: {listing(table.column_names)}")
     return Table(path.name, str(path), columns, words, warnings=tuple(notes))
+
+
+def _by_name(table: pa.Table) -> tuple[dict[str, list[dict[str, Any]]], pa.Table]:
+    """Lists beside a list of the names of joints, or of structs, as samples of what stands in one struct (by its name); and
+    the table without them.
+    """
+    lists = [n for n in dict.fromkeys(table.column_names) if _is_list(table.schema.field(n).type)]
+    tells = {n.rpartition(".")[0] for n in lists if not _of_numbers(table.schema.field(n).type.value_type)}
+    samples: dict[str, list[dict[str, Any]]] = {}
+    for outer in tells:
+        own = [n for n in lists if n.rpartition(".")[0] == outer]
+        part = table.select(own).rename_columns([n.rpartition(".")[2] for n in own])
+        samples[f"{outer}." if outer else ""] = part.to_pylist()
+        table = table.drop_columns(own)
+    return samples, table
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+
+
+def _of_numbers(kind: pa.DataType) -> bool:
+    return not (pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_struct(kind))
 
 
 def _values(column: pa.ChunkedArray, where: str, notes: list[str]) -> Array | list[str] | None:
@@ -143,7 +170,7 @@ def _values(column: pa.ChunkedArray, where: str, notes: list[str]) -> Array | li
         or pa.types.is_decimal(kind)
     ):
         return _floats(column.cast(pa.float64(), safe=False))
-    if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
+    if _is_list(kind):
         return numbers(column.to_pylist(), where, "row")
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         cells = ["" if cell is None else cell for cell in column.to_pylist()]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.errors import RecordingError
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS
@@ -68,6 +69,22 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
         f"{_of_two_units(joints, without)}"
     )
     return [_in_rad(joints, r, to_si("deg")[1], short) if r in without else r for r in recordings], [note, *said]
+
+
+def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError for hinges whose positions have no unit and leave their range in rad and in degrees."""
+    for recording in (r for r in recordings if r.has("position") and not r.channel("position").unit):
+        channel = recording.channel("position")
+        for label in (j for j in channel.labels if j in joints and not joints[j].slides and joints[j].range):
+            most = float(np.nanmax(np.abs(channel.column(label)), initial=0.0))
+            if hardly_radians(most) and not _within(joints, channel.select([label])):
+                low, high = joints[label].ends
+                raise RecordingError(
+                    f"'{recording.name}': positions have no unit, and '{label}', which reaches {most:.4g}, is beyond its "
+                    f"range in the model ({low:.3g} to {high:.3g} rad) in rad and in degrees: say what they are in "
+                    'the mapping (trueup inspect writes one): "deg", "rev", ...; for counts of an encoder unit = "rad" and '
+                    "scale = 6.2832 / counts of a turn"
+                )
 
 
 def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tuple[list[str], list[str]]:

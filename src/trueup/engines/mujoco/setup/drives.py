@@ -11,10 +11,11 @@ import mujoco
 from trueup.articulated.pose import in_angles
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.proposal import moving_joints
-from trueup.engines.mujoco.setup.scales import of_slides, with_units
+from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo, takes
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
+from trueup.inspection.scales import check_units
 from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
 from trueup.recording import Channel, Recording
@@ -141,10 +142,11 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     Where both have one joint only it gets the model's name. Of positions and torques that were commanded those stay that
     the drives take: a model with motors knows nothing of the controller that positions go through. Give all recordings at
     once: what units they are in is told from all of them.
-    Raises ModelError where servos would have to take torques.
+    Raises ModelError where servos would have to take torques, and RecordingError for positions that fit no unit.
     """
     named, notes = by_the_only_joint(recordings, model.scalar_joints())
     named, more = with_units(model, [in_angles(r) for r in named])
+    check_units(ways(model), named)
     named, still_more = of_slides(model, named)
     notes += [*more, *still_more, *at_odds(named)]
     kept, cut = [], []
