@@ -88,3 +88,10 @@ def test_the_joints_of_a_model_are_read_from_its_text(tmp_path: Path) -> None:
     assert joint_names(tmp_path / "arm.urdf") == ("base_yaw",)
     assert joint_names(tmp_path / "car.toml") is None
     assert joint_names(tmp_path / "arm.json") == ()
+
+
+def test_act_behind_the_name_of_a_joint_of_the_model_is_its_actual_value(tmp_path: Path) -> None:
+    columns = ["rail_cmd_mm", "rail_act_mm", "elbow_cmd_deg", "elbow_act_deg"]
+    channels = guess(tmp_path, columns, ("rail", "elbow")).channels
+    assert list(channels["position"].columns) == columns[1::2]
+    assert channels["command"].labels == channels["position"].labels == ("rail", "elbow")

@@ -168,7 +168,7 @@ def with_actual(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, s
     for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
         read = _in_pairs(read, words_of_pair, meant)
     read = _inertial(read)
-    own = [f" {' '.join(words(joint))} " for joint in joints]
+    own = [f" {' '.join(words(joint))} " for joint in joints if "act" in words(joint)]
     acted = _acted([name for name in read.values() if not any(joint in f" {' '.join(words(name))} " for joint in own)])
     return {name: acted.get(as_read, as_read) for name, as_read in read.items()}
 
