@@ -176,6 +176,14 @@ def test_a_missing_newline_at_the_end_costs_nothing(tmp_path: Path) -> None:
     assert len(read(tmp_path / "log.csv", "time,q1\n0,1\n0.1,2\n0.2,3").time) == 3
 
 
+def test_a_clock_that_was_set_back_goes_on_where_the_mapping_says_so(tmp_path: Path) -> None:
+    text = rows("time,q1", "0,1", "0.1,2", "0.2,3", "0.1,4", "0.2,5", "0.3,6")
+    recording = read(tmp_path / "log.csv", text, repair="continue")
+    assert recording.channel("position").time == pytest.approx(np.arange(6) * 0.1)
+    assert recording.channel("position").values[:, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert "goes back (1 times) it goes on by 0.1 s" in recording.provenance["warnings"]
+
+
 def test_sorting_puts_rows_back_in_their_place(tmp_path: Path) -> None:
     text = rows("time,q1", "0,0", "0.2,2", "0.1,1", "0.1,9", "0.3,3")
     recording = read(tmp_path / "log.csv", text, repair="sort")

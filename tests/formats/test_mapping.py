@@ -193,7 +193,7 @@ channels = st.builds(
 )
 times = st.one_of(
     st.builds(TimeColumn, column=texts, nanoseconds=texts, unit=st.sampled_from(["", "ms"]), file=texts),
-    st.builds(TimeColumn, rate=st.floats(1e-3, 1e6), repair=st.sampled_from(["", "sort", "drop"])),
+    st.builds(TimeColumn, rate=st.floats(1e-3, 1e6), repair=st.sampled_from(["", "sort", "drop", "continue"])),
 )
 
 

@@ -94,7 +94,8 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
         raise ClockError(
             f"{table.path}, {table.place(i + 1)}: time goes back from {samples.time[i]:.13g} to "
             f'{samples.time[i + 1]:.13g} s{within} ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
-            'order the rows, or repair = "drop" to leave out those that go back'
+            'order the rows, "drop" to leave out those that go back, or "continue" where the clock was set back and rows '
+            "stand as they were sampled"
         )
     again = np.flatnonzero(once[1:] & (steps == 0.0)) + 1
     i = int(again[0])
@@ -161,6 +162,16 @@ def _without_lost_time(samples: Samples, table: Table, repair: Repair) -> Sample
 
 def _repaired(samples: Samples, table: Table, repair: Repair) -> Samples:
     time, values = samples.time, samples.values
+    if repair == "continue":
+        steps, usual = np.diff(time), usual_step(time)
+        back = steps < 0.0
+        time = time + np.concatenate([[0.0], np.cumsum(np.where(back, usual - steps, 0.0))])
+        set_back = (
+            f"{table.name}: where its clock goes back ({np.count_nonzero(back)} times) it goes on by {usual:.4g} s"
+        )
+        samples = Samples(time, values, (*samples.warnings, f"{set_back}, as the mapping asks"))
+        if np.all(np.diff(time) > 0.0):
+            return samples
     order = np.argsort(time, kind="stable") if repair == "sort" else np.arange(len(time))
     moved = int(np.count_nonzero(order != np.arange(len(time))))
     time, values = time[order], values[order]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from trueup import files
 from trueup.errors import MappingError
@@ -16,7 +16,7 @@ from trueup.formats.aside import write_aside
 from trueup.formats.keys import key
 from trueup.typed_toml import build
 
-Repair = Literal["", "sort", "drop"]
+Repair = Literal["", "sort", "drop", "continue"]
 
 _TITLE = """\
 # How the columns of your files become channels. Edit what is wrong, then pass it on: --mapping FILE
@@ -32,12 +32,15 @@ _TITLE = """\
 #   rate = 1000.0              samples per second, where no column holds time
 """
 _NO_TIME = "# rate = 1000.0  # Hz: no column of time was found; say how often samples were taken"
-_NO_REPAIR = '# repair = "sort"  # or "drop": rows that go back in time or repeat it'
+_NO_REPAIR = (
+    '# repair = "sort"  # or "drop": rows that go back in time or repeat it; "continue": a clock that was set back'
+)
 
 
 def _repair(value: Any, where: str) -> Repair:
-    if value not in ("", "sort", "drop"):
-        raise MappingError(f"{where}: '{value}' is unknown; choices are: 'sort', 'drop'")
+    if value not in get_args(Repair):
+        choices = ", ".join(f"'{choice}'" for choice in get_args(Repair) if choice)
+        raise MappingError(f"{where}: '{value}' is unknown; choices are: {choices}")
     return value
 
 
@@ -76,7 +79,8 @@ class TimeColumn:
     unit: str = key("", keys.time_unit)
     """s, ms, us, ns or min; '' lets name and size of the numbers decide."""
     repair: Repair = key("", _repair, unset=_NO_REPAIR)  # noqa: RUF009 - a field
-    """'sort' orders the rows by time, 'drop' leaves out the rows that go back; both drop repeated times."""
+    """'sort' orders the rows by time, 'drop' leaves out the rows that go back; both drop repeated times. 'continue' takes
+    rows as they stand, and a clock that was set back on from there by its usual step."""
 
     def __post_init__(self) -> None:
         """Raises ValueError where two things say when samples were taken."""

@@ -95,3 +95,10 @@ def test_act_behind_the_name_of_a_joint_of_the_model_is_its_actual_value(tmp_pat
     channels = guess(tmp_path, columns, ("rail", "elbow")).channels
     assert list(channels["position"].columns) == columns[1::2]
     assert channels["command"].labels == channels["position"].labels == ("rail", "elbow")
+
+
+def test_a_command_of_a_joint_called_base_is_not_said_to_be_the_pose_of_a_base(tmp_path: Path) -> None:
+    columns = ["q_des_j1_base", "q_des_elbow", "q_j1_base", "q_elbow"]
+    found = guess(tmp_path, columns, ("j1_base", "elbow"))
+    assert found.channels["command"].labels == ("j1_base", "elbow")
+    assert not any("pose of a base" in note for note in found.notes)

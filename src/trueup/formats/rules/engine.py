@@ -258,7 +258,8 @@ def _put_aside(
 ) -> list[str]:
     """Says which columns with a word for positions, speeds or torques are no joint's, as their base may be a trunk."""
     aside = [
-        column.name for name, group in groups.items() if name in channels and name not in joints.BY_KIND
+        column.name for name, group in groups.items()
+        if name in channels and name not in joints.BY_KIND and not is_command(name)
         for column in group if of_base(column) and column.width == 1 and joints.read(column.parts).kind
     ]  # fmt: skip
     if driven or not aside:
