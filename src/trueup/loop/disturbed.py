@@ -194,7 +194,8 @@ def disturbed(every: Sequence[Seen]) -> LeftOut:
     own = {s.seen.recording.name: [t for t in found if t.seen is s.seen] for s in found}
     gaps = {name: [(s.gap.start, s.gap.duration) for s in stretches] for name, stretches in own.items()}
     notes = tuple(
-        f"in '{name}' something acted on the robot that the model does not have, a collision, a hand, or drives that let go "
+        f"in '{name}' something acted on the robot that the model does not have: a collision, a hand, drives that let go, or "
+        "the log stood still "
         f"({'; '.join(s.words(rest) for s in stretches[:3])}{' ...' * (len(stretches) > 3)})"
         for name, stretches in own.items()
     )
