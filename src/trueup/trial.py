@@ -198,6 +198,8 @@ class Trial:
     """How late and noisy channels are measured, in the simulator."""
     chance: Chance | None = None
     """From what disturbances and noise are drawn."""
+    performs: str = ""
+    """In a campaign, which counts its runs: the task's trial that this one performs, by its name."""
 
     def seeded(self, rng: np.random.Generator, *, alike: bool = False) -> Trial:
         """The same trial with its disturbances and noise settled by a generator, each row of a simulation by itself.

@@ -238,6 +238,19 @@ def test_the_trust_region_narrows_where_the_robot_does_not_follow(write_plan: Wr
     assert history.best[1] == pytest.approx(history.first_score)
 
 
+def test_a_robot_is_told_which_of_the_tasks_trials_it_performs(write_plan: Write, tmp_path: Path) -> None:
+    told: dict[str, str] = {}
+
+    def perform(trial: Trial, go: Callable) -> list[Recording]:
+        told[trial.name] = trial.performs
+        return go(trial)
+
+    plan = write_plan(("rounds = 2", "rounds = 1"))
+    events = run(plan, tmp_path / "out", lambda p: replace(p, robot=Around(p.robot, perform)))
+    assert told == {e.trial: e.of for e in only(events, TrialPlanned)}
+    assert len(set(told.values())) == 2
+
+
 def test_it_ends_when_the_robot_is_good_enough(write_plan: Write, tmp_path: Path) -> None:
     plan = write_plan(("rounds = 2", "rounds = 9\nsuccess = 10.0"))
     (ended,) = only(run(plan, tmp_path / "out"), Ended)

@@ -103,7 +103,7 @@ def bench(tmp_path: Path) -> Bench:
 
 
 def test_the_sheet_says_all_that_an_operator_needs(bench: Bench) -> None:
-    bench.robot.hand_out([trial(), drive("trial-002", 2.5)])
+    bench.robot.hand_out([trial(), replace(drive("trial-002", 2.5), performs="fast lap")])
     sheet = (bench.folder / "outbox" / "trial-001" / "README.txt").read_text()
     for word in (
         "8 s",
@@ -122,7 +122,14 @@ def test_the_sheet_says_all_that_an_operator_needs(bench: Bench) -> None:
     second = bench.folder / "outbox" / "trial-002"
     assert "k,2.5,1/s" in (second / "settings.csv").read_text()
     read = (second / "README.txt").read_text()
-    for word in ("2.5 1/s", "(cross-track gain)", "x              0 to 8 m", "sets no limits", "Left is positive."):
+    for word in (
+        "2.5 1/s",
+        "(cross-track gain)",
+        "x              0 to 8 m",
+        "sets no limits",
+        "Left is positive.",
+        "the run 'fast lap'",
+    ):
         assert word in read
     assert len((second / "path.csv").read_text().splitlines()) == 401
 

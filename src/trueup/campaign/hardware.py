@@ -89,7 +89,7 @@ class Hardware:
         self.planned += 1
         self.runs += repeats
         name = f"trial-{self.planned:03d}"
-        ready = dataclasses.replace(prepared(trial, self._parts.limits, repeats), name=name)
+        ready = dataclasses.replace(prepared(trial, self._parts.limits, repeats), name=name, performs=trial.name)
         if name not in self._settled:
             require_safe(ready)
         event = self._take(

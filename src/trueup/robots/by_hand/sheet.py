@@ -90,6 +90,7 @@ def words(trial: Trial, inbox: Path) -> str:
     if trial.repeats > 1:
         logs = f"{trial.repeats} " + ("files of what you saw, or logs," if trial.watched else "logs")
         lines[0] = f"{trial.name}: run this {trial.repeats} times, then put the {logs} into {inbox}/"
+    lines += [f"It is the run '{trial.performs}'.", ""] if trial.performs else []
     lines += _to_set(trial)
     over = [f"  {end.name}: {_reached(end)}" for end in trial.ends if isinstance(end, (Fallen, Left))]
     lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts."]
@@ -196,7 +197,8 @@ def _unit_of(trial: Trial, label: str) -> str:
 def _plain(trial: Trial) -> dict[str, object]:
     """The trial for a program that reads it."""
     return {
-        "trial": trial.name, "duration": trial.duration, "repeats": trial.repeats, "settings": dict(trial.settings),
+        "trial": trial.name, "performs": trial.performs, "duration": trial.duration, "repeats": trial.repeats,
+        "settings": dict(trial.settings),
         "command": "command.csv" if trial.command is not None else None,
         "references": {name: f"{name}.csv" for name in trial.references},
         "record": {name: {"labels": list(o.labels), "unit": o.unit} for name, o in trial.observed.items()},
