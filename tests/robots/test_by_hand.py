@@ -129,9 +129,19 @@ def test_the_sheet_says_all_that_an_operator_needs(bench: Bench) -> None:
         "sets no limits",
         "Left is positive.",
         "the run 'fast lap'",
+        "what the controller commanded",
     ):
         assert word in read
     assert len((second / "path.csv").read_text().splitlines()) == 401
+
+
+def test_a_log_without_what_the_robots_controller_commanded_is_told_of(bench: Bench) -> None:
+    free = replace(trial(), command=None)
+    bench.robot.hand_out([free])
+    heads = ("time", *(f"pos_{j}" for j in JOINTS))
+    lines = [line.split(",") for line in log_text().splitlines()]
+    bench.drop("trial-001.csv", "\n".join([",".join(heads), *(",".join([c[0], *c[4:]]) for c in lines[1:])]) + "\n")
+    assert "holds nothing that the controller commanded" in bench.look()
 
 
 def test_a_log_that_was_asked_for_comes_back_as_the_recording(bench: Bench) -> None:

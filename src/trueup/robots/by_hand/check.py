@@ -11,7 +11,7 @@ from trueup.inspection.asked import Unlike, lasting, missized, swapped
 from trueup.inspection.requested import completed, side_by_side
 from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
-from trueup.recording import Channel, Recording
+from trueup.recording import Channel, Recording, is_command
 from trueup.robots.by_hand.drive import unlike_a_vehicle, unlike_its_path
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
@@ -124,6 +124,18 @@ def _as_asked(asked: Channel, done: Channel) -> list[str]:
     return [
         f"the command recorded is not the one asked for: {names}; is this the log of another run, or in another unit?"
     ]
+
+
+def lacks_command(trial: Trial, recordings: Sequence[Recording] = ()) -> bool:
+    """Whether a trial says nothing of what its drives are told, and recordings of it do not either."""
+    channels = [*trial.observed, *(name for r in recordings for name in r.channels)]
+    return trial.command is None and trial.watched is None and not any(map(is_command, channels))
+
+
+def fits(trial: Trial, recording: Recording) -> str:
+    """What is said of a log that can be used."""
+    but = "; it holds nothing that the controller commanded, without which no simulator is fitted to it: log that too"
+    return f", {recording.duration:.1f} s, matches the request{but if lacks_command(trial, [recording]) else ''}"
 
 
 def one_of(trials: Sequence[Trial], recording: Recording) -> list[Trial]:

@@ -15,7 +15,7 @@ from trueup.formats.aside import write_aside
 from trueup.inspection.requested import as_observed, completed
 from trueup.recording import Recording
 from trueup.robots.by_hand.accepted import Accepted, Run
-from trueup.robots.by_hand.check import mismatches, one_of
+from trueup.robots.by_hand.check import fits, mismatches, one_of
 from trueup.robots.by_hand.eyes import hint, told_in
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
@@ -221,8 +221,7 @@ class ByHand:
         for item, recording, named in found:
             mapping = None if named or is_told(recording) else item.mapping(self._inbox) or self._mapping
             self._accepted.take(trial.name, item.path, mapping, named, _checksum(recording), item.note)
-            fits = "" if is_told(recording) else f", {recording.duration:.1f} s, matches the request"
-            self._say(f"{trial.name}: {item.path.name} accepted{fits}")
+            self._say(f"{trial.name}: {item.path.name} accepted{'' if is_told(recording) else fits(trial, recording)}")
             self._tell_guesses(recording)
             have += 1
         if have == trial.repeats:

@@ -16,6 +16,7 @@ from trueup.arrays import Array
 from trueup.ends import Fallen, Left
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
+from trueup.robots.by_hand.check import lacks_command
 from trueup.robots.by_hand.eyes import explained, template
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.trial import Trial
@@ -102,6 +103,9 @@ def words(trial: Trial, inbox: Path) -> str:
     for channel, o in trial.observed.items():
         rate = (len(o.time) - 1) / (o.time[-1] - o.time[0]) if len(o.time) > 1 else math.nan
         lines.append(f"  {channel:14} {', '.join(o.labels)}   in {_unit(o.unit)}, at {rate:.3g} Hz or faster")
+    if lacks_command(trial):
+        what = "what the controller commanded each drive (a torque in N m, or a position), at each change"
+        lines += [f"  and {what}:", "  without it no simulator is fitted to the run"]
     lines += [
         "", "Any format that trueup reads is fine: CSV, JSON, NPZ, Parquet, MAT, HDF5, MCAP. Columns named as in",
         f"log-header.csv need no mapping; for others put a mapping.toml into {inbox}/ (`trueup inspect LOG` writes one).", "",
