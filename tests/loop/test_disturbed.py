@@ -113,9 +113,16 @@ def test_bursts_of_every_size_are_left_out_where_each_stands_out_from_what_is_le
         (NOISE + sum(_burst(at, 100.0 / (at + 1.0)) for at in range(1, 19, 2)), WAVES),
         (NOISE + _burst(5.0, 60.0), WAVES + _burst(5.0, 3.0, 15.0)),
         (NOISE + _burst(5.0, 60.0, 14.0), WAVES),
-        (NOISE + _burst(0.0, 60.0), WAVES),
+        (NOISE + _burst(0.1, 60.0), WAVES),
+        (NOISE + _burst(5.0, 60.0), WAVES + 0.03 * np.sin(30.0 * TIME) * _burst(5.0, 1.0)),
     ],
-    ids=["errors of all sizes", "a step that nothing else asks for", "another load", "not at rest at first"],
+    ids=[
+        "errors of all sizes",
+        "a step that nothing else asks for",
+        "another load",
+        "just begun",
+        "a burst of fast motion",
+    ],
 )
 def test_what_a_model_may_lack_is_not_taken_for_something_that_acted(off: Array, told: Array) -> None:
     assert not disturbed([_seen(off, told)]).gaps

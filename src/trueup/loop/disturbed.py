@@ -38,6 +38,8 @@ _FAR = 5.0
 times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3); a table in the way, or a push of 60 N, are 10 to 100."""
 _LONG = 0.5
 """s: what comes again within it is one stretch. Half of it before and behind goes too, since a touch begins unseen."""
+_SHORT = 0.1 * _LONG
+"""s over which speeds of commands are told apart."""
 _MOST = 0.5
 """Of a recording: what differs for longer than that was another robot, or another load."""
 
@@ -57,15 +59,21 @@ class Seen:
 
     @cached_property
     def asked(self) -> Array:
-        """(T, k) how far the command of each joint goes within `_LONG` before an instant; 0 where it has none."""
-        asked, command = np.zeros((len(self.time), len(self.labels))), command_of(self.recording)
+        """(T, k, 2) how far the command of each joint goes within `_LONG` before an instant, and how much its speed changes
+        there at most (over `_SHORT`): what a model lacks of gears that twist grows with that; 0 where it has none.
+        """
+        asked, command = np.zeros((len(self.time), len(self.labels), 2)), command_of(self.recording)
         if command is None:
             return asked
         own = [k for k, label in enumerate(self.labels) if label in command.labels]
-        told = command.select([self.labels[k] for k in own]).at(self.time, hold=True)
-        first = np.searchsorted(self.time, self.time - _LONG)
-        for k, column in zip(own, np.nan_to_num(told).T, strict=True):
-            asked[:, k] = [np.ptp(column[a : b + 1]) for b, a in enumerate(first)]
+        told = command.select([self.labels[k] for k in own])
+        now, before, long_before = (
+            np.nan_to_num(told.at(self.time - s, hold=True)) for s in (0.0, _SHORT, 2.0 * _SHORT)
+        )
+        known = self.time - 2.0 * _SHORT >= self.time[0]  # before the log nobody knows
+        turns = np.where(known[:, None], np.abs(now - 2.0 * before + long_before), 0.0)
+        for b, a in enumerate(np.searchsorted(self.time, self.time - _LONG)):
+            asked[b, own, 0], asked[b, own, 1] = np.ptp(now[a : b + 1], axis=0), turns[a : b + 1].max(axis=0)
         return asked
 
 
@@ -212,7 +220,8 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
         lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > _MOST * float(one.time[-1] - one.time[0])
         for first, last in own:
             most = times[first : last + 1].max(axis=0)
-            if lasting or first == 0:  # another robot, or one that was not yet where its replay begins
+            begun = float(one.time[first] - one.time[0])
+            if lasting or begun < 0.5 * _LONG:  # another robot, or one of which it is unsure how its replay begins
                 rest = max(rest, float(most.max()))
             else:
                 found.append(_Stretch(one, first, last, most, float(most.max()) / _unusual(every, one, first, last)))
@@ -230,13 +239,14 @@ def _joined(far: Mask, time: Array) -> list[tuple[int, int]]:
 
 
 def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
-    """How many times as far as anywhere else the command of some joint went in a stretch; at least 1."""
-    until = int(np.searchsorted(seen.time, seen.time[last] + _LONG, side="right"))
+    """How many times as much as anywhere else was asked of some joint in a stretch; at least 1."""
+    until = int(np.searchsorted(seen.time, seen.time[last] + _LONG + 2.0 * _SHORT, side="right"))
     rest = [one.asked if one is not seen else np.delete(one.asked, np.s_[first:until], axis=0) for one in every]
-    elsewhere = _by_label(every, rest, lambda values: float(values.max(initial=0.0)))
-    inside = seen.asked[first : last + 1].max(axis=0)
-    least = np.maximum([elsewhere[label] for label in seen.labels], seen.unit)
-    return max(1.0, float((inside / least).max()))
+    inside, ratios = seen.asked[first : last + 1].max(axis=0), [1.0]
+    for way in range(inside.shape[1]):
+        most = _by_label(every, [each[..., way] for each in rest], lambda values: float(values.max(initial=0.0)))
+        ratios.append(float((inside[:, way] / np.maximum([most[label] for label in seen.labels], seen.unit)).max()))
+    return max(ratios)
 
 
 def _outstanding(found: Sequence[_Stretch], rest: float) -> tuple[list[_Stretch], float]:
