@@ -139,3 +139,12 @@ def test_what_was_left_out_is_kept_with_an_interrupted_search() -> None:
     again = LeftOut.kept_in(states[0])
     assert [p.name for p in again.of([run])] == ["run part 1", "run part 2"]
     assert again.notes == ("seen",)
+
+
+def test_of_drives_that_are_named_otherwise_than_their_joints_more_than_elsewhere_may_be_asked_too() -> None:
+    told = WAVES + _burst(5.0, 3.0, 15.0)
+    command = Channel("command", ("motor",), "rad", TIME, told[:, None])
+    position = Channel("position", ("a",), "rad", TIME, told[:, None])
+    run = Recording("run", {"command": command, "position": position})
+    assert not disturbed([Seen(run, ("a",), TIME, (NOISE + _burst(5.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
+    assert disturbed([Seen(run, ("a",), TIME, (NOISE + _burst(9.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps

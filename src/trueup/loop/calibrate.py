@@ -48,8 +48,8 @@ class Options:
 
     search: str = "auto"
     """'auto', 'gradient', 'cma-es' or 'hybrid'."""
-    undisturbed: bool = True
-    """Leave out stretches in which something acted on the robot that no model has, in place of only naming them."""
+    undisturbed: bool | None = None
+    """Leave out stretches in which something acted on the robot that no model has; False: name them; None: do not ask."""
     select: bool = True
     """Freeze what the recordings cannot tell, and leave out optional structures that do not help."""
     robust: float = 3.0
@@ -103,7 +103,9 @@ def calibrate(
     if chosen.select and not found.disturbed.gaps:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     shown = () if found.disturbed.gaps else laid.replayed(found.values, judged)
-    more = found.disturbed if found.disturbed.gaps else disturbed(seen_in(shown, (*training, *judged)))
+    more = found.disturbed
+    if shown and chosen.undisturbed is not None:
+        more = disturbed(seen_in(shown, (*training, *judged)))
     if chosen.undisturbed and more.touches(training):
         again = calibrate(
             simulator, recordings, hold_out, options=options, discrepancy=discrepancy, controllers=controllers,
@@ -114,7 +116,7 @@ def calibrate(
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
     if chosen.undisturbed and more.gaps:
         shown = laid.replayed(found.values, more.of(judged))
-    told = (*warnings, *less.and_also(more).said(chosen.undisturbed), *changes(problem, found))
+    told = (*warnings, *less.and_also(more).said(bool(chosen.undisturbed)), *changes(problem, found))
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
     crossed = _cross_validation(problem, found, shown) if chosen.cross_validate and len(training) > 1 else ()
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,

@@ -40,6 +40,8 @@ _LONG = 0.5
 """s: what comes again within it is one stretch. Half of it before and behind goes too, since a touch begins unseen."""
 _SHORT = 0.1 * _LONG
 """s over which speeds of commands are told apart."""
+_LEAST = 1e-3
+"""rad, m or N m that a command goes at least: encoders see less than that, and numbers are written with as much."""
 _MOST = 0.5
 """Of a recording: what differs for longer than that was another robot, or another load."""
 
@@ -59,22 +61,27 @@ class Seen:
 
     @cached_property
     def asked(self) -> Array:
-        """(T, k, 2) how far the command of each joint goes within `_LONG` before an instant, and how much its speed changes
-        there at most (over `_SHORT`): what a model lacks of gears that twist grows with that; 0 where it has none.
+        """(T, c, 2) how far each command goes within `_LONG` before an instant, and how much its speed changes there at most
+        (over `_SHORT`): what a model lacks of gears that twist grows with that.
         """
-        asked, command = np.zeros((len(self.time), len(self.labels), 2)), command_of(self.recording)
+        command = command_of(self.recording)
         if command is None:
-            return asked
-        own = [k for k, label in enumerate(self.labels) if label in command.labels]
-        told = command.select([self.labels[k] for k in own])
+            return np.zeros((len(self.time), 0, 2))
         now, before, long_before = (
-            np.nan_to_num(told.at(self.time - s, hold=True)) for s in (0.0, _SHORT, 2.0 * _SHORT)
+            np.nan_to_num(command.at(self.time - s, hold=True)) for s in (0.0, _SHORT, 2.0 * _SHORT)
         )
         known = self.time - 2.0 * _SHORT >= self.time[0]  # before the log nobody knows
         turns = np.where(known[:, None], np.abs(now - 2.0 * before + long_before), 0.0)
+        asked = np.zeros((*now.shape, 2))
         for b, a in enumerate(np.searchsorted(self.time, self.time - _LONG)):
-            asked[b, own, 0], asked[b, own, 1] = np.ptp(now[a : b + 1], axis=0), turns[a : b + 1].max(axis=0)
+            asked[b, :, 0], asked[b, :, 1] = np.ptp(now[a : b + 1], axis=0), turns[a : b + 1].max(axis=0)
         return asked
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The labels of its commands."""
+        command = command_of(self.recording)
+        return () if command is None else command.labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,10 +249,16 @@ def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
     """How many times as much as anywhere else was asked of some joint in a stretch; at least 1."""
     until = int(np.searchsorted(seen.time, seen.time[last] + _LONG + 2.0 * _SHORT, side="right"))
     rest = [one.asked if one is not seen else np.delete(one.asked, np.s_[first:until], axis=0) for one in every]
-    inside, ratios = seen.asked[first : last + 1].max(axis=0), [1.0]
-    for way in range(inside.shape[1]):
-        most = _by_label(every, [each[..., way] for each in rest], lambda values: float(values.max(initial=0.0)))
-        ratios.append(float((inside[:, way] / np.maximum([most[label] for label in seen.labels], seen.unit)).max()))
+    ratios = [1.0]
+    for way in range(2):
+        most = _by_label(
+            every,
+            [each[..., way] for each in rest],
+            lambda values: float(values.max(initial=0.0)),
+            lambda one: one.commands,
+        )
+        inside = seen.asked[first : last + 1, :, way].max(axis=0)
+        ratios += [float(v) / max(most[label], _LEAST) for label, v in zip(seen.commands, inside, strict=True)]
     return max(ratios)
 
 
@@ -259,10 +272,13 @@ def _outstanding(found: Sequence[_Stretch], rest: float) -> tuple[list[_Stretch]
     return [], rest
 
 
-def _by_label(every: Sequence[Seen], values: Sequence[Array], of: Callable[[Array], float]) -> dict[str, float]:
-    """One number for each joint, of its columns of the `values` (T, k) of all recordings."""
+def _by_label(
+    every: Sequence[Seen], values: Sequence[Array], of: Callable[[Array], float],
+    labels: Callable[[Seen], Sequence[str]] = lambda one: one.labels,
+) -> dict[str, float]:  # fmt: skip
+    """One number for each joint (or other label), of its columns of the `values` (T, k) of all recordings."""
     columns: dict[str, list[Array]] = {}
     for one, each in zip(every, values, strict=True):
-        for label, column in zip(one.labels, each.T, strict=True):
+        for label, column in zip(labels(one), each.T, strict=True):
             columns.setdefault(label, []).append(column)
     return {label: of(np.concatenate(own)) for label, own in columns.items()}

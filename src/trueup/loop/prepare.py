@@ -101,7 +101,7 @@ class Preparation:
         ) -> Calibration:  # fmt: skip
             stages = tuple(s for s in chosen.stages or searched_by(chosen.search) if s.name not in without)
             asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate, stages=stages,
-                            undisturbed=chosen.undisturbed and NAME not in self.refuse)  # fmt: skip
+                            undisturbed=self._leaves_out(chosen.undisturbed))  # fmt: skip
             how: dict[str, Any] = {
                 "discrepancy": discrepancy or measure, "progress": progress,
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,
@@ -120,6 +120,11 @@ class Preparation:
             calibrate_whole(self.simulator, self.recordings, self.hold_out, ends=ends, choose=choose, seed=seed,
                             progress=progress)
         )  # fmt: skip
+
+    def _leaves_out(self, asked: bool | None) -> bool | None:
+        """What `Options.undisturbed` is, unless it is `asked`: as the family diagnoses it."""
+        told = NAME not in self.refuse if NAME in self.family.diagnoses else None
+        return told if asked is None else asked
 
     def _as_recorded(self, done: Calibration) -> Calibration:
         """With replays as the recordings were, and none of a model before that had to be guessed."""
@@ -211,7 +216,7 @@ class Preparation:
         shown = self.family.as_recorded(found, every)
         judged, nominal = tuple(dict.fromkeys(r.channel for r in found)), self.simulator.parameters.nominal
         ahead = () if predictions else predicted_ahead(self.simulator, nominal, every, judged)
-        acted = disturbed(seen_in(found, every)).notes
+        acted = disturbed(seen_in(found, every)).notes if NAME in self.family.diagnoses else ()
         return Comparison(shown, predictions, ahead, (*notes, *acted), broken)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
