@@ -45,6 +45,8 @@ def commanded(
     if place and not throttle and not speed and not asked:
         led = leading(kinds["speed"], kinds["yaw_rate"], place, heading, time)
         speed, turn, late = led or (None, turn, 0.0)
+        if speed is not None:  # what leads is a command with all of its parts
+            told["sideways"] = [s for s in kinds["sideways"] if s.source == speed.source]
         names = " and ".join(s.column.name for s in (speed, turn) if s is not None)
         said = (
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
