@@ -222,7 +222,9 @@ def _in_metres(
 
 def _within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
     """Whether every joint that the model has stays in its range, where one of the numbers is `factor` rad."""
-    ranges = {label: joints[label].ends for label in channel.labels if label in joints and not joints[label].slides}
+    hinges = [label for label in channel.labels if label in joints and not joints[label].slides]
+    limited = [label for label in hinges if joints[label].range is not None]  # others may turn on and on
+    ranges = {label: joints[label].ends for label in limited or hinges}
     for label, (lower, upper) in ranges.items():
         column = channel.column(label) * factor
         column = column[np.isfinite(column)]
@@ -234,7 +236,8 @@ def _within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
 def _in_rad(joints: Mapping[str, Way], recording: Recording, factor: float, short: Sequence[str]) -> Recording:
     """Hinges times `factor`, slides that are `short` from mm to m; other slides as they are."""
     factors = {j: 1.0 for j, way in joints.items() if way.slides} | dict.fromkeys(short, to_si("mm")[1])
-    for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), ("velocity", "rad/s")):
+    speeds = ("velocity", *(name for name in COMMANDS if name.endswith("velocity")))
+    for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), *((c, "rad/s") for c in speeds)):
         if recording.has(name) and not (channel := recording.channel(name)).unit:
             values = channel.values * np.array([factors.get(label, factor) for label in channel.labels])
             units = tuple(known or unit for known in channel.units)
