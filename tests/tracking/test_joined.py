@@ -158,3 +158,10 @@ def test_a_receiver_of_few_fixes_that_jumps_less_far_than_a_vehicle_drives_is_se
     assert max(before, behind) > 0.85
     assert np.nanstd(off) < 0.1  # one frame for all that is left
     assert np.isfinite(still[:, 0]).mean() > 0.95
+
+
+def test_poses_that_were_not_measured_are_not_said_to_jump() -> None:
+    speed = 0.6 + 0.3 * np.sin(0.9 * TIME)
+    way = _way(speed)
+    way[200:240] = np.nan
+    assert "jump away" not in _warnings(cleaned(_drive(way, speed)))

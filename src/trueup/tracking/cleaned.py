@@ -47,9 +47,9 @@ def cleaned(
     turn rates. Where a vehicle that is simulated forward only (not `backs`) backs off is left out. What was taken out is
     said in the provenance's warnings. Raises RecordingError without pose or command.
     """
-    position, heading, good, jumps, notes = _tracked(recording)
+    position, heading, measured, good, jumps, notes = _tracked(recording)
     if heading is None:
-        notes += [*_lost(good), *told(position, jumps)]
+        notes += [*_lost(measured & ~good), *told(position, jumps)]
         back = driven_back(recording, position)
         gyro = recording.channel("yaw_rate") if recording.has("yaw_rate") else None
         heading = None if gyro is None else turned_with(position, gyro, good, back)
@@ -62,7 +62,7 @@ def cleaned(
         every, away = there_and_back(position, sorted({*jumps, *sudden(position, heading, good)}))
         position, heading = joined(position, heading, every)
         good &= ~away
-        notes += [*_lost(good), *turned, *told(position, every)]
+        notes += [*_lost(measured & ~good), *turned, *told(position, every)]
         back = backing(position, heading, good) & (not backs)
         good &= ~back
         share = f"{100 * float(back.mean()):.1f} % of the poses are of driving backwards and were left out"
@@ -75,9 +75,9 @@ def cleaned(
     return kept.replace(provenance=with_warnings(recording.provenance, notes))
 
 
-def _lost(good: Mask) -> list[str]:
-    """What to say of poses that are not believed, if anything."""
-    share = 100.0 * float(np.mean(~good))
+def _lost(away: Mask) -> list[str]:
+    """What to say of poses that were measured and are not believed, if anything."""
+    share = 100.0 * float(np.mean(away))
     return [f"{share:.1f} % of the poses jump away or contradict the wheels and were left out"] if share else []
 
 
@@ -87,15 +87,16 @@ def heading_senses(recordings: Sequence[Recording]) -> dict[Source, Sense]:
     for recording in recordings:
         if not (recording.has("position") and tells_place(recording.channel("position")) and told_by(recording)):
             continue
-        position, heading, good, _, _ = _tracked(recording)
+        position, heading, _, good, _, _ = _tracked(recording)
         if heading is not None:
             drives.setdefault(heading_source(recording), []).append(Moves.of(position, heading, good))
     return {source: Sense.of(moves) for source, moves in drives.items() if len(moves) > 1}
 
 
-def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[tuple[int, int]], list[str]]:
-    """Position, the heading as recorded at the same times, (T,) which of both are believed, the rows between which these
-    jump, and notes. Places go on where they jump; whether they do so turned, the heading's sense must tell first.
+def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, Mask, list[tuple[int, int]], list[str]]:
+    """Position, the heading as recorded at the same times, (T,) which of both were measured and which are believed, the rows
+    between which these jump, and notes. Places go on where they jump; whether they do so turned, the heading's sense must
+    tell first.
     """
     position, heading, notes = place_of(recording)
     heading = heading or heading_of(recording)
@@ -107,11 +108,13 @@ def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[
     if heading is not None:
         heading, more = as_heading(heading, position, driven_back(recording, position))
         notes = [*notes, *more]
+    measured = np.isfinite(position.values).all(axis=1)
+    measured &= True if heading is None else np.isfinite(heading.values[:, 0])
     good, jumps = _of_the_car(recording, position, heading)
     jumps, away = there_and_back(position.replace(values=np.where(good[:, None], position.values, np.nan)), jumps)
     good &= ~away
     believed = position.replace(values=np.where(good[:, None], position.values, np.nan))
-    return end_to_end(believed, jumps), heading, good, jumps, notes
+    return end_to_end(believed, jumps), heading, measured, good, jumps, notes
 
 
 def _turned(heading: Channel, times: Array) -> Array:
