@@ -108,8 +108,8 @@ def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, Mask,
     if heading is not None:
         heading, more = as_heading(heading, position, driven_back(recording, position))
         notes = [*notes, *more]
-    measured = np.isfinite(position.values).all(axis=1)
-    measured &= True if heading is None else np.isfinite(heading.values[:, 0])
+    seen = position.values if heading is None else np.concatenate([position.values, heading.values], axis=1)
+    measured = np.asarray(np.isfinite(seen).all(axis=1))
     good, jumps = _of_the_car(recording, position, heading)
     jumps, away = there_and_back(position.replace(values=np.where(good[:, None], position.values, np.nan)), jumps)
     good &= ~away
