@@ -58,7 +58,8 @@ def test_errors_that_go_with_the_commands_are_told_of(aspect: str, trailer: floa
     assert all(aspect in text and "goes with what was commanded" in text for text in said)
 
 
-def test_drives_too_short_to_leave_stretches_out_tell_nothing() -> None:
+@pytest.mark.parametrize("seconds", [2.0, 20.0])
+def test_drives_too_short_to_leave_stretches_out_tell_nothing(seconds: float) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
-    short = robot.prepared(drive(0, trailer=0.4).slice(0.0, 20.0))
+    short = robot.prepared(drive(0, trailer=0.4).slice(0.0, seconds))
     assert unlike(robot, np.zeros(0), [short], 3.0) == ()

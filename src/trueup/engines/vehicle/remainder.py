@@ -134,7 +134,7 @@ def _means(commands: Array, starts: Integers, edges: Integers) -> Array:
     until = np.concatenate([np.zeros((1, table.shape[1])), np.cumsum(table, axis=0)])
     at = np.clip(starts[:, None] + edges[None], 0, len(commands))
     means = np.diff(until[at], axis=1) / np.maximum(np.diff(at, axis=1), 1)[:, :, None]
-    return means.reshape(len(starts), -1)
+    return means.reshape(len(starts), means.shape[1] * means.shape[2])
 
 
 def _cubes(pairs: Array) -> Array:
