@@ -17,6 +17,8 @@ STANDARD_ERRORS = 2.0
 J. Friedman, R. Olshen, C. Stone, Classification and Regression Trees, 1984, section 3.4.3, prefer the simpler of two
 models within one; two, because several structures are asked about in turn. Every choice of structure uses this number; a
 servo's may also hold by one, where no recording speaks against it (`actuators/choose.py`)."""
+EXPLAINED = 2.0
+"""Noise units of errors' root mean square: below, a model has the structure of the robot."""
 
 _LARGE = 2.0
 """Times: larger changes read better as factors than in percent."""

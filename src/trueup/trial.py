@@ -291,6 +291,11 @@ def command_of(recording: Recording) -> Channel | None:
     return None
 
 
+def shared_joints(command: Channel, position: Channel) -> tuple[str, ...]:
+    """Labels of positions that are commanded in the same unit: not those that are told speeds or torques."""
+    return tuple(x for x in position.labels if x in command.labels and command.unit_of(x) == position.unit_of(x))
+
+
 def drives_off(recording: Recording) -> bool:
     """Whether a recording says that all its drives were off all along."""
     return recording.has(ENABLED) and not np.nan_to_num(recording.channel(ENABLED).values).any()

@@ -335,3 +335,48 @@ def test_of_positions_and_speeds_a_servo_of_speed_takes_the_speeds(tmp_path: Pat
     assert (run.has("command"), run.has("command_velocity")) == (False, True)
     (run,), _ = suited(load(_model(tmp_path, _SERVO)), [both])
     assert run.has("command")
+
+
+_LEG = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="knee" axis="0 1 0" range="-2 2" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/>
+<body pos=".2 0 0"><joint name="wheel" axis="0 1 0" damping="0.01"/>
+<geom type="cylinder" size=".05 .01" euler="1.57 0 0" mass=".2"/></body></body></worldbody>
+<actuator><position name="knee" joint="knee" kp="8" kv=".4"/>
+<velocity name="wheel" joint="wheel" kv="0.1"/></actuator></mujoco>"""
+
+
+def _rolling(path: Path) -> Recording:
+    """A leg that is told where to be, and its wheel how fast to turn."""
+    model, time = mujoco.MjModel.from_xml_path(str(path)), np.arange(0.0, 6.0, 0.01)
+    data, there = mujoco.MjData(model), []
+    told = np.stack([0.4 * np.sin(2.0 * time), 6.0 + 3.0 * np.sin(1.3 * time)], axis=1)
+    for asked in told:
+        there.append(data.qpos.copy())
+        data.ctrl[:] = asked
+        mujoco.mj_step(model, data, 5)
+    position = Channel("position", ("knee", "wheel"), "rad", time, np.array(there))
+    return Recording(
+        "roll", {"position": position, "command": Channel("command", ("knee", "wheel"), "rad", time, told)}
+    )
+
+
+@pytest.mark.parametrize("apart", ["", "rad/s", "no unit"])
+def test_wheels_on_legs_are_told_speeds_beside_positions_of_the_other_joints(apart: str, tmp_path: Path) -> None:
+    """In a channel of their own, or among the others where nobody says what they are: wheels were held where they began, or
+    a servo of position took the place of theirs.
+    """
+    path = tmp_path / "leg.xml"
+    path.write_text(_LEG)
+    run = _rolling(path)
+    if apart:
+        command = run.channel("command")
+        speeds = command.select(["wheel"]).replace(name="command_velocity", unit=apart.replace("no unit", ""))
+        run = run.with_channel(command.select(["knee"])).with_channel(speeds)
+    ready = prepare(path, [run])
+    assert not any("nothing commands" in n or "took their place" in n for n in ready.notes)
+    assert any("taken as told speeds" in n for n in ready.notes) == (not apart)
+    command = ready.recordings[0].channel("command")
+    assert [command.unit_of(x) for x in ("knee", "wheel")] == ["rad", "rad/s"]
+    simulator, trial = MujocoSimulator(load(path), step=0.002), Trial.of(ready.recordings[0], ["position"])
+    (found,) = simulator.rollout([trial], np.zeros((1, 0)))
+    assert np.abs(found.channels["position"][0] - run.channel("position").values).max() < 0.02

@@ -42,6 +42,20 @@ def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path) -> None
     np.testing.assert_allclose(found.channel("velocity").values, np.radians(3.0 * swing))
 
 
+@pytest.mark.parametrize("degrees", [False, True])
+def test_a_wheel_that_turns_on_and_on_says_no_unit_of_a_leg_that_stays_in_its_range(
+    tmp_path: Path, degrees: bool
+) -> None:
+    wheel = '<body><joint name="w" axis="0 1 0"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "leg.xml").write_text(_ARM.replace("</worldbody>", wheel).replace("-100 100", "-60 60"))
+    time = np.arange(0.0, 5.0, 0.02)
+    values = np.stack([0.5 * np.sin(3.0 * time), 4.0 * time], axis=1)
+    channel = Channel("position", ("j", "w"), "", time, np.degrees(values) if degrees else values)
+    (found,), notes = suited(load(tmp_path / "leg.xml"), [Recording("run", {"position": channel})])
+    np.testing.assert_allclose(found.channel("position").values, values)
+    assert bool(notes) == degrees
+
+
 def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:
     slide = '<body><joint name="s" type="slide"/><geom size=".05"/></body></worldbody>'
     (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", slide))

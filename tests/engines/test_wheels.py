@@ -85,6 +85,34 @@ WIRED = [(swapped, signs) for swapped in (False, True) for signs in ((1, 1), (1,
 """Whether the columns of left and right are mixed up, and which way each wheel counts."""
 
 
+FOUR = {
+    "t,fl_cmd,fr_cmd,rl_cmd,rr_cmd,x,y,theta": 1.0 / RADIUS,
+    "t,cmd_front_left_mps,cmd_front_right_mps,cmd_back_left_mps,cmd_back_right_mps,x,y,yaw": 1.0,
+    "t,wFL_ref,wFR_ref,wBL_ref,wBR_ref,x,y,th": 1.0 / RADIUS,
+}
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.2])
+@pytest.mark.parametrize("names", FOUR)
+def test_wheels_of_one_side_are_one_and_drive_sideways_where_they_are_told_apart(
+    names: str, apart: float, tmp_path: Path
+) -> None:
+    log = drive(20.0, 0)
+    table = np.column_stack([log[:, :3], log[:, 1] + apart, log[:, 2] - apart, log[:, 3:6]])
+    table[:, 1:5] *= FOUR[names]
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    (one,) = formats.read(tmp_path / "log.csv")
+    assert one.channel("command").labels == ("left", "right", "rear_left", "rear_right")
+    robot = Vehicle("robot", TRACK, drive=TURNED, wheels=SIZES)
+    if apart:
+        with pytest.raises(RecordingError, match="wheels of one side, as of mecanum wheels, is commanded"):
+            with_commands(robot, [one])
+    else:
+        command = VehicleSimulator(with_commands(robot, [one])[0]).prepared(one).channel("command")
+        assert command.column("throttle") == pytest.approx(log[:, 1:3].mean(axis=1))
+        assert command.column("steering") == pytest.approx((log[:, 2] - log[:, 1]) / TRACK)
+
+
 @pytest.mark.parametrize(("swapped", "signs"), WIRED)
 @pytest.mark.parametrize("names", ["pwm_left,pwm_right", "m1,m2", "motorA_cmd,motorB_cmd"])
 def test_wheels_are_told_apart_by_how_the_robot_moves(

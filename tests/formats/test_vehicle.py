@@ -196,6 +196,24 @@ def test_a_speed_sideways_is_said_not_to_be_simulated(tmp_path: Path) -> None:
             driven_by(recording)
 
 
+def test_a_speed_sideways_is_one_that_is_commanded_where_the_motion_follows_the_speed_beside_it(tmp_path: Path) -> None:
+    """It was left aside as a signal of which nothing was known, and the robot calibrated as one that only turns."""
+    t = np.arange(0.0, 25.0, 0.05)
+    speed, aside, turn = (
+        lambda s: 1.0 + 0.5 * np.sin(0.7 * s) + 0.2 * np.sin(2.1 * s),
+        lambda s: 0.4 * np.sin(1.3 * s),
+        lambda s: 0.6 * np.sin(0.9 * s + 1.0),
+    )
+    heading, v, u = np.cumsum(turn(t - 0.3) * 0.05), speed(t - 0.3), aside(t - 0.3)
+    x = np.cumsum(v * np.cos(heading) - u * np.sin(heading)) * 0.05
+    y = np.cumsum(v * np.sin(heading) + u * np.cos(heading)) * 0.05
+    wrapped = np.mod(heading + np.pi, 2.0 * np.pi) - np.pi
+    np.savetxt(tmp_path / "log.csv", np.column_stack([t, speed(t), aside(t), turn(t), x, y, wrapped]), delimiter=",",
+               header="t,linear_x,linear_y,angular_z,x,y,yaw", comments="")  # fmt: skip
+    with pytest.raises(RecordingError, match=r"sideways, as of mecanum.* is commanded, up to 0\.4 m/s"):
+        driven_by(read([tmp_path / "log.csv"])[0])
+
+
 def test_an_angle_of_the_rear_wheels_too_is_said_not_to_be_simulated(tmp_path: Path) -> None:
     t, _, steering, x, y, heading, speed = drive()
     for rear in (0.0 * t, 0.5 * steering[::-1]):

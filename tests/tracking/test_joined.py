@@ -76,6 +76,29 @@ def test_a_compass_turns_its_frame_the_same_way_round() -> None:
     assert _off(found, way)[0] < 0.05
 
 
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("rows", [1, 8, 40])
+def test_what_a_tracker_shows_for_a_while_before_it_comes_back_is_no_new_frame(rows: int, known: bool) -> None:
+    """Markers that changed places: taken for a jump there and another back, each with an error of its own, for ever."""
+    speed = 0.6 + 0.3 * np.sin(0.9 * TIME)
+    way = _way(speed)
+    told, away = way.copy(), np.zeros(len(TIME), dtype=bool)
+    for first, aside in ((120, (0.2, 0.2)), (220, (-0.17, 0.1)), (400, (0.1, -0.2))):
+        told[first : first + rows, :2] += aside
+        away[first : first + rows] = True
+    drive = _drive(told, speed)
+    drive = drive.replace(
+        channels={n: c for n, c in drive.channels.items() if n != "speed" and (known or n != "heading")}
+    )
+    found = cleaned(drive)
+    off = np.linalg.norm(found.channel("position").values - way[:, :2], axis=1)
+    assert np.isnan(off[away]).all()
+    assert np.mean(np.isnan(off[~away])) < 0.02
+    assert np.nanmax(off) < 0.05
+    assert "jump away" in _warnings(found)
+    assert "moved to where the drive went on" not in _warnings(found)
+
+
 def test_neither_hard_braking_nor_a_sample_that_is_off_is_a_jump() -> None:
     ago = TIME % 6.0  # up to 4 m/s at 4 m/s^2, and down again at 8
     speed = np.where(ago < 3.0, np.minimum(4.0 * ago, 4.0), np.maximum(4.0 - 8.0 * (ago - 3.0), 0.0))
@@ -135,3 +158,10 @@ def test_a_receiver_of_few_fixes_that_jumps_less_far_than_a_vehicle_drives_is_se
     assert max(before, behind) > 0.85
     assert np.nanstd(off) < 0.1  # one frame for all that is left
     assert np.isfinite(still[:, 0]).mean() > 0.95
+
+
+def test_poses_that_were_not_measured_are_not_said_to_jump() -> None:
+    speed = 0.6 + 0.3 * np.sin(0.9 * TIME)
+    way = _way(speed)
+    way[200:240] = np.nan
+    assert "jump away" not in _warnings(cleaned(_drive(way, speed)))

@@ -56,3 +56,23 @@ def test_a_heading_of_the_robots_own_is_left_as_it_is_where_it_backs_off() -> No
     own = recording.channel("heading").replace(values=truth[:, None])
     found = cleaned(recording.without("yaw_rate").with_channel(own))
     assert found.channel("heading").values[:, 0] == pytest.approx(np.unwrap(truth))
+
+
+def test_a_robot_that_turns_round_where_it_stands_may_back_off_the_way_it_went_on() -> None:
+    """The way goes straight on, the nose does not: taken for driving on, all poses behind had their heading wrong."""
+    phase = TIME % 20.0
+    speed = np.select([phase < 6.0, (phase > 10.0) & (phase < 16.0)], [0.8, -0.8], 0.0)
+    turn = np.select([(phase > 7.0) & (phase < 9.0), (phase > 17.0) & (phase < 19.0)], [0.5 * np.pi, -0.5 * np.pi], 0.0)
+    heading = np.cumsum(STEP * (turn + 0.2 * speed * np.sin(0.5 * TIME)))
+    way = np.cumsum(STEP * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    slow = slice(None, None, 10)
+    channels = (
+        Channel("command", ("speed", "turn"), "", TIME, np.stack([speed, turn], axis=1), ("m/s", "rad/s")),
+        Channel("position", ("x", "y"), "m", TIME[slow], (way + RNG.normal(0.0, 0.01, way.shape))[slow]),
+        Channel("yaw_rate", ("yaw_rate",), "rad/s", TIME, np.gradient(heading, TIME)[:, None]),
+    )
+    found = cleaned(Recording("drive", {c.name: c for c in channels}))
+    off = np.abs(wrapped(found.channel("heading").values[:, 0] - heading[slow]))
+    known = np.isfinite(off)
+    assert known.mean() > 0.9
+    assert np.mean(off[known] < 0.3) > 0.95

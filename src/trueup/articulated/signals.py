@@ -195,7 +195,8 @@ class Signals:
         columns = np.array([self._columns[a] for a in actuators], dtype=np.int64)
         times = trial.command.time - trial.start
         told = np.nan_to_num(in_force(trial.command.values))  # of a drive that nothing is ever told: 0
-        values = told * [control_of(self._model, a, trial.command.unit) for a in actuators]
+        units = [trial.command.unit_of(label) for label in trial.command.labels]
+        values = told * [control_of(self._model, a, unit) for a, unit in zip(actuators, units, strict=True)]
         # What was commanded before the first sample is not known: the first command held for ever before.
         times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
         values = np.concatenate([values[:1], values])

@@ -107,8 +107,13 @@ class Clocks:
         command = command_of(recording)
         if command is None or not recording.has("position"):
             return None
-        if command.unit not in ("", recording.channel("position").unit):
+        position = recording.channel("position")
+        same = [
+            x for x in command.labels if x not in position.labels or command.unit_of(x) in ("", position.unit_of(x))
+        ]
+        if not same:
             return None
+        command = command.select(same)
         found = None
         overlap = min(recording.stop, command.time[-1]) - max(recording.start, command.time[0])
         if overlap < self.enough:

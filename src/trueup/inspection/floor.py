@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
-from trueup.trial import command_of
+from trueup.trial import command_of, shared_joints
 
 
 class Heights(Protocol):
@@ -78,11 +78,11 @@ def stopped_by_floor(
 def _reached(heights: Heights, recording: Recording, slow: float) -> tuple[Array, Array, Mask] | None:
     """(T,) lowest points of the robot as measured and as commanded, and whether it moves slowly up or down."""
     command = command_of(recording)
-    if command is None or not recording.has("position") or command.unit != recording.channel("position").unit:
+    if command is None or not recording.has("position"):
         return None
     position = recording.channel("position")
     measured = position.select([label for label in position.labels if label in heights.joints])
-    shared = [label for label in measured.labels if label in command.labels]
+    shared = shared_joints(command, measured)
     if not shared:
         return None
     time = position.time[:: max(1, len(position.time) // 400)]  # so many poses show where it stops

@@ -17,7 +17,7 @@ from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parts_between
 from trueup.recording import Recording
 from trueup.samples import stretches_of
-from trueup.trial import command_of
+from trueup.trial import command_of, shared_joints
 
 _FAR = 0.2
 """rad or m beside the command: further than the zero of a servo is searched (`inspection.zeros`)."""
@@ -72,9 +72,9 @@ def without_released(recordings: Sequence[Recording]) -> tuple[list[Recording], 
 def _apart(recording: Recording) -> _Apart | None:
     """None where no joint has a position and a command of one unit."""
     command, position = command_of(recording), recording.channels.get("position")
-    if command is None or position is None or command.unit != position.unit:
+    if command is None or position is None:
         return None
-    joints = tuple(j for j in position.labels if j in command.labels)
+    joints = shared_joints(command, position)
     if not joints:
         return None
     told, there = command.select(joints).at(position.time, hold=True), position.select(joints).values

@@ -56,11 +56,11 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
         return list(recordings), []
     short, said = _in_millimetres(joints, without)
     short += [drive for drive, way in joints.items() if way.of and set(way.of) <= set(short)]
-    turned = [np.abs(_hinges(joints, r.channel("position"))).ravel() for r in without]
-    # Beyond that only slides reach: openings, travels.
-    if not hardly_radians(float(np.nanmax(np.concatenate(turned), initial=0.0))):
+    # Beyond that only slides reach (openings, travels), and what turns on and on: wheels.
+    if not _beyond_turns(joints, without) or _wheels_alone(joints, without):
         return [_in_rad(joints, r, 1.0, short) if r in without else r for r in recordings], said
-    if not all(_within(joints, r.channel("position")) for r in without):
+    degree = to_si("deg")[1]
+    if not all(_within(joints, r.channel("position"), degree) for r in without):
         return list(recordings), []
     names = ", ".join(r.name for r in without)
     note = (
@@ -68,7 +68,22 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
         'of a range (LeRobot\'s -100 ... 100), give unit = "rad" with scale and offset in the mapping'
         f"{_of_two_units(joints, without)}"
     )
-    return [_in_rad(joints, r, to_si("deg")[1], short) if r in without else r for r in recordings], [note, *said]
+    return [_in_rad(joints, r, degree, short) if r in without else r for r in recordings], [note, *said]
+
+
+def _beyond_turns(joints: Mapping[str, Way], recordings: Sequence[Recording], *, limited: bool = False) -> bool:
+    """Whether hinges go further than angles in rad do; of those alone that are `limited` by a range."""
+    free = [j for j, way in joints.items() if way.range is None] if limited else []
+    turned = [np.abs(_hinges(joints, r.channel("position"), free)).ravel() for r in recordings]
+    return hardly_radians(float(np.nanmax(np.concatenate(turned), initial=0.0)))
+
+
+def _wheels_alone(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> bool:
+    """Whether none but joints without a range go further, beside others that stay in theirs in rad."""
+    ranges = {j: way for j, way in joints.items() if way.range is not None and not way.slides}
+    beside = all(set(ranges) & set(r.channel("position").labels) for r in recordings)
+    inside = all(_within(ranges, r.channel("position"), 1.0) for r in recordings)
+    return beside and inside and not _beyond_turns(joints, recordings, limited=True)
 
 
 def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> None:
@@ -151,10 +166,10 @@ def _rad_sized(way: Way, values: Array) -> bool:
     return bool(within and _STILL < span < _HARDLY)
 
 
-def _hinges(joints: Mapping[str, Way], channel: Channel) -> Array:
-    """(T, k) the columns of hinges, and of whatever is not in the model."""
-    slides = [j for j, way in joints.items() if way.slides]
-    return channel.values[:, [i for i, label in enumerate(channel.labels) if label not in slides]]
+def _hinges(joints: Mapping[str, Way], channel: Channel, but: Sequence[str] = ()) -> Array:
+    """(T, k) the columns of hinges, and of whatever is not in the model, `but` some."""
+    others = {*but, *(j for j, way in joints.items() if way.slides)}
+    return channel.values[:, [i for i, label in enumerate(channel.labels) if label not in others]]
 
 
 def of_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -222,10 +237,11 @@ def _in_metres(
     return channel.replace(units=units, values=values)
 
 
-def _within(joints: Mapping[str, Way], channel: Channel) -> bool:
-    """Whether every joint that the model has stays in its range, the numbers taken as degrees."""
-    _, factor, _ = to_si("deg")
-    ranges = {label: joints[label].ends for label in channel.labels if label in joints and not joints[label].slides}
+def _within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
+    """Whether every joint that the model has stays in its range, where one of the numbers is `factor` rad."""
+    hinges = [label for label in channel.labels if label in joints and not joints[label].slides]
+    limited = [label for label in hinges if joints[label].range is not None]  # others may turn on and on
+    ranges = {label: joints[label].ends for label in limited or hinges}
     for label, (lower, upper) in ranges.items():
         column = channel.column(label) * factor
         column = column[np.isfinite(column)]
@@ -237,7 +253,8 @@ def _within(joints: Mapping[str, Way], channel: Channel) -> bool:
 def _in_rad(joints: Mapping[str, Way], recording: Recording, factor: float, short: Sequence[str]) -> Recording:
     """Hinges times `factor`, slides that are `short` from mm to m; other slides as they are."""
     factors = {j: 1.0 for j, way in joints.items() if way.slides} | dict.fromkeys(short, to_si("mm")[1])
-    for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), ("velocity", "rad/s")):
+    speeds = ("velocity", *(name for name in COMMANDS if name.endswith("velocity")))
+    for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), *((c, "rad/s") for c in speeds)):
         if recording.has(name) and not (channel := recording.channel(name)).unit:
             values = channel.values * np.array([factors.get(label, factor) for label in channel.labels])
             units = tuple(known or unit for known in channel.units)

@@ -75,7 +75,7 @@ def _steps_of(recording: Recording, joint: str, actuator: str) -> Iterator[tuple
     if command is None or not label or not recording.has("position"):
         return
     position = recording.channel("position")
-    if joint not in position.labels or command.unit not in ("rad", "m"):
+    if joint not in position.labels or command.unit_of(label) not in ("rad", "m"):
         return
     told = command.column(label)
     moves = np.abs(np.diff(told))

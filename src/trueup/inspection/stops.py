@@ -77,7 +77,7 @@ def _told(recording: Recording, joint: str) -> tuple[Array, Array, Array, float]
     if command is None or not recording.has("position") or joint not in command.labels:
         return None
     position = recording.channel("position")
-    if joint not in position.labels or command.unit != position.unit:
+    if joint not in position.labels or command.unit_of(joint) != position.unit_of(joint):
         return None
     good = np.isfinite(position.column(joint))
     time, values = position.time[good], position.column(joint)[good]

@@ -100,6 +100,6 @@ def _with_command(recording: Recording, joint: str) -> tuple[Array, Array] | Non
     command, position = command_of(recording), recording.channels.get("position")
     if command is None or position is None or joint not in command.labels or joint not in position.labels:
         return None
-    if command.unit != position.unit:
+    if command.unit_of(joint) != position.unit_of(joint):
         return None
     return position.column(joint), command.select([joint]).at(position.time, hold=True)[:, 0]

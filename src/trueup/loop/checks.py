@@ -97,7 +97,7 @@ def _units(recording: str, channel: Channel) -> list[str]:
 
 def _far(recording: str, command: Channel, position: Channel) -> list[str]:
     """Command and position of different joints or units hardly follow one another."""
-    labels = [label for label in position.labels if label in command.labels]
+    labels = [x for x in position.labels if x in command.labels and command.unit_of(x) in ("", position.unit_of(x))]
     found = []
     held = command.select(labels).at(position.time, hold=True) if labels else np.zeros((0, 0))
     for j, label in enumerate(labels):

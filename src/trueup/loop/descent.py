@@ -14,6 +14,7 @@ from trueup.arrays import Array
 from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
 from trueup.loop.disturbed import LeftOut
+from trueup.evidence import EXPLAINED
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.parameters import ParameterSpace
@@ -26,7 +27,6 @@ Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
 HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
-_EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
 
 
@@ -288,7 +288,7 @@ def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
 
 def explained(residual: Array | None) -> bool:
     """Whether the model replays the recordings to about their noise: elsewhere the last percent is not worth minutes."""
-    return residual is not None and float(np.mean(residual**2)) < _EXPLAINED**2
+    return residual is not None and float(np.mean(residual**2)) < EXPLAINED**2
 
 
 def _patience(residual: Array) -> float:

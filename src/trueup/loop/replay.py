@@ -121,6 +121,6 @@ def _commanded(command: Channel | None, observed: Observed) -> Array | None:
     """What was commanded of the same joints in the same unit."""
     if command is None or not set(observed.labels) <= set(command.labels):
         return None
-    if command.unit not in ("", observed.unit):
+    if any(command.unit_of(label) not in ("", observed.unit) for label in observed.labels):
         return None
     return command.select(observed.labels).at(observed.time, hold=True)

@@ -16,7 +16,7 @@ from trueup.rounding import PRINTED
 from trueup.samples import wrapped
 from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
-from trueup.tracking.joined import end_to_end, joined, sudden, told
+from trueup.tracking.joined import end_to_end, joined, sudden, there_and_back, told
 from trueup.tracking.place import fresh, place_of, tells_place
 from trueup.tracking.reversing import as_heading, driven_back
 from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
@@ -47,12 +47,9 @@ def cleaned(
     turn rates. Where a vehicle that is simulated forward only (not `backs`) backs off is left out. What was taken out is
     said in the provenance's warnings. Raises RecordingError without pose or command.
     """
-    position, heading, good, jumps, notes = _tracked(recording)
-    lost = float(np.mean(~good))
-    if lost:
-        notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
+    position, heading, measured, good, jumps, notes = _tracked(recording)
     if heading is None:
-        notes += told(position, jumps)
+        notes += [*_lost(measured & ~good), *told(position, jumps)]
         back = driven_back(recording, position)
         gyro = recording.channel("yaw_rate") if recording.has("yaw_rate") else None
         heading = None if gyro is None else turned_with(position, gyro, good, back)
@@ -62,9 +59,10 @@ def cleaned(
         good &= np.isfinite(heading.values[:, 0])
     else:
         heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
-        every = sorted({*jumps, *sudden(position, heading, good)})
+        every, away = there_and_back(position, sorted({*jumps, *sudden(position, heading, good)}))
         position, heading = joined(position, heading, every)
-        notes += [*turned, *told(position, every)]
+        good &= ~away
+        notes += [*_lost(measured & ~good), *turned, *told(position, every)]
         back = backing(position, heading, good) & (not backs)
         good &= ~back
         share = f"{100 * float(back.mean()):.1f} % of the poses are of driving backwards and were left out"
@@ -77,21 +75,28 @@ def cleaned(
     return kept.replace(provenance=with_warnings(recording.provenance, notes))
 
 
+def _lost(away: Mask) -> list[str]:
+    """What to say of poses that were measured and are not believed, if anything."""
+    share = 100.0 * float(np.mean(away))
+    return [f"{share:.1f} % of the poses jump away or contradict the wheels and were left out"] if share else []
+
+
 def heading_senses(recordings: Sequence[Recording]) -> dict[Source, Sense]:
     """In which sense headings grow, by what recordings that were logged alike show together; without those added up."""
     drives: dict[Source, list[Moves]] = {}
     for recording in recordings:
         if not (recording.has("position") and tells_place(recording.channel("position")) and told_by(recording)):
             continue
-        position, heading, good, _, _ = _tracked(recording)
+        position, heading, _, good, _, _ = _tracked(recording)
         if heading is not None:
             drives.setdefault(heading_source(recording), []).append(Moves.of(position, heading, good))
     return {source: Sense.of(moves) for source, moves in drives.items() if len(moves) > 1}
 
 
-def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[tuple[int, int]], list[str]]:
-    """Position, the heading as recorded at the same times, (T,) which of both are believed, the rows between which these
-    jump, and notes. Places go on where they jump; whether they do so turned, the heading's sense must tell first.
+def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, Mask, list[tuple[int, int]], list[str]]:
+    """Position, the heading as recorded at the same times, (T,) which of both were measured and which are believed, the rows
+    between which these jump, and notes. Places go on where they jump; whether they do so turned, the heading's sense must
+    tell first.
     """
     position, heading, notes = place_of(recording)
     heading = heading or heading_of(recording)
@@ -103,9 +108,13 @@ def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[
     if heading is not None:
         heading, more = as_heading(heading, position, driven_back(recording, position))
         notes = [*notes, *more]
+    seen = position.values if heading is None else np.concatenate([position.values, heading.values], axis=1)
+    measured = np.asarray(np.isfinite(seen).all(axis=1))
     good, jumps = _of_the_car(recording, position, heading)
+    jumps, away = there_and_back(position.replace(values=np.where(good[:, None], position.values, np.nan)), jumps)
+    good &= ~away
     believed = position.replace(values=np.where(good[:, None], position.values, np.nan))
-    return end_to_end(believed, jumps), heading, good, jumps, notes
+    return end_to_end(believed, jumps), heading, measured, good, jumps, notes
 
 
 def _turned(heading: Channel, times: Array) -> Array:
@@ -205,10 +214,10 @@ def _out_of_line(time: Array, points: Array) -> Mask:
         return out
     gaps, steps = np.diff(time), np.diff(points, axis=0)
     speeds, gap = steps / gaps[:, None], gaps[1:-1]
-    off, going = np.inf, 0.0
+    off, going = np.inf, np.inf
     for beside in (speeds[:-2], speeds[2:]):
         off = np.minimum(off, np.linalg.norm(steps[1:-1] - beside * gap[:, None], axis=1))
-        going = np.maximum(going, np.linalg.norm(beside, axis=1))
+        going = np.minimum(going, np.linalg.norm(beside, axis=1))  # of two one may be the way there, or back
     usual = max(_NOISE, 4.0 * float(np.median(off)))
     out[1:-1] = off > usual + np.minimum(2.0 * gap, _LATE) * going + _HARDEST * gap**2
     return out

@@ -26,6 +26,7 @@ TOGETHER = (
 BEYOND: Mapping[str, str] = MappingProxyType({
     "sideways": "a speed sideways, as of mecanum, omni or swerve wheels",
     "rear_steering": "an angle of the rear wheels too, as of steering on four wheels",
+    "apart": "another speed of wheels of one side, as of mecanum wheels",
 })  # fmt: skip
 """Commands, by their labels, of what is not simulated: a vehicle goes ahead and back, and turns by its front wheels."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
@@ -61,10 +62,11 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
             "--model CAR.toml --force` writes one of what drives a vehicle): [channels.command] "
             'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]; of a robot with two driven '
             'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s" '
-            '(["left_duty", "right_duty"] of PWM)'
+            '(["left_duty", "right_duty"] of PWM; of four wheels ["left", "right", "rear_left", "rear_right"])'
         )
     for label, beside in (("sideways", drive), ("rear_steering", steer)):
-        _refuse_beyond(recording, label, found, beside)
+        if label in found:
+            refuse_beyond(recording, label, found[label], beside)
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
     time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
@@ -79,18 +81,18 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
 
 
-def _refuse_beyond(recording: Recording, label: str, found: Mapping[str, Channel], beside: Channel) -> None:
-    """Raises RecordingError where something is commanded that is not simulated (`BEYOND`), and not as good as nothing
-    `beside` what is.
+def refuse_beyond(recording: Recording, label: str, given: Channel, beside: Channel) -> None:
+    """Raises RecordingError where `given` commands what is not simulated (`BEYOND`), and is not as good as nothing `beside`
+    what is.
     """
-    given = found.get(label)
-    usual, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (beside, given or beside))
-    if given is None or most <= _IDLE * usual:
+    usual, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (beside, given))
+    if most <= _IDLE * usual:
         return
+    name = given.labels[0]
     raise RecordingError(
-        f"recording '{recording.name}': {BEYOND[label]}, is commanded, up to {most:.3g} {given.unit_of(label)}".rstrip()
+        f"recording '{recording.name}': {BEYOND[label]}, is commanded, up to {most:.3g} {given.unit_of(name)}".rstrip()
         + "; a vehicle is simulated that goes ahead and back and turns by its front wheels, or by two driven ones. Give "
-        f"drives in which that stays zero, or leave '{label}' and its column out of [channels.command] in the mapping where "
+        f"drives in which that stays zero, or leave '{name}' and its column out of [channels.command] in the mapping where "
         "it does nothing"
     )
 

@@ -44,6 +44,41 @@ def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, i
     return [(int(rows[k]), int(rows[k + 1])) for k in found]
 
 
+def there_and_back(position: Channel, jumps: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], Mask]:
+    """The jumps of `jumps` that stay, and (T,) the rows between those that are undone by others behind: what a tracker
+    mistook for a while, such as markers that changed places.
+
+    It came back where what follows lies less than half as far aside as what was between. Where more of the drive is between
+    than beside, that was the place which stays.
+    """
+    away = np.zeros(len(position.time), dtype=bool)
+    edges = [0, *(first for _, first in jumps), len(position.time)]
+    poses = np.concatenate([position.values, np.zeros((len(position.time), 1))], axis=1)
+    aside = [_aside(position.time, poses, jump, (edges[k], edges[k + 2])) for k, jump in enumerate(jumps)]
+    stay, k = [], 0
+    while k < len(jumps):
+        gone = np.cumsum(aside[k:], axis=0)
+        size = np.linalg.norm(gone, axis=1)
+        back = next((j for j in range(1, len(gone)) if size[j] < 0.5 * size[:j].min()), 0)
+        begin, end = edges[k + 1], edges[k + 1 + back]
+        since = edges[k] if not stay else max(edges[k], stay[-1][1])
+        if back and end - begin < (begin - since) + (edges[k + 2 + back] - end):
+            away[jumps[k][0] + 1 : end] = True
+            k += back + 1
+        else:
+            stay.append(jumps[k])
+            k += 1
+    return stay, away
+
+
+def _aside(time: Array, poses: Array, jump: tuple[int, int], ends: tuple[int, int]) -> Array:
+    """(2,) by how much the place is set aside in a jump, seen from the rows between `ends`."""
+    last, first = jump
+    middle = 0.5 * (time[last] + time[first])
+    before, behind = np.arange(ends[0], last + 1), np.arange(first, ends[1])
+    return (_pose_at(middle, time, poses, behind) - _pose_at(middle, time, poses, before))[:2]
+
+
 def end_to_end(position: Channel, jumps: Sequence[tuple[int, int]]) -> Channel:
     """The places alone, joined as `joined` does, none turned."""
     unturned = Channel("heading", ("heading",), "rad", position.time, np.zeros((len(position.time), 1)))

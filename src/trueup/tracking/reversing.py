@@ -17,15 +17,15 @@ _RIGHT_ANGLE = 0.5 * np.pi
 def driven_back(recording: Recording, position: Channel) -> Mask:
     """(T,) at which samples of a position the vehicle goes backwards: where a speed below zero drove it.
 
-    A vehicle that brakes still goes on, so that the command of the moment does not tell. Between two places where the way
-    turns back it goes in one sense, that of most of what was commanded meanwhile; where it stands it keeps that sense.
+    A vehicle that brakes still goes on, so that the command of the moment does not tell. Between two places where it stands,
+    or the way turns back, it goes in one sense, that of most of what was commanded meanwhile; where it stands it keeps that.
     """
     back = np.zeros(len(position.time), dtype=bool)
     told = signals(recording).get("speed")
     rows, way = _moving(position)
     if told is None or not (told.values < 0.0).any() or not len(rows):
         return back
-    parted = np.concatenate([[0], np.cumsum(np.abs(wrapped(np.diff(way))) > _RIGHT_ANGLE)])
+    parted = np.concatenate([[0], np.cumsum((np.abs(wrapped(np.diff(way))) > _RIGHT_ANGLE) | (np.diff(rows) > 1))])
     meanwhile = np.bincount(parted, held(told, position.time[rows]))
     return (meanwhile[parted] < 0.0)[_last_of(rows, len(back))]
 

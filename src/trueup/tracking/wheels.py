@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
 from trueup.recording import Channel, Recording
 from trueup.samples import unwound
-from trueup.tracking.commands import MOST, held, signals
+from trueup.tracking.commands import MOST, held, refuse_beyond, signals
 
 SIDES = ("left", "right")
 DUTIES = ("left_duty", "right_duty")
@@ -56,7 +57,7 @@ def as_driven(recording: Recording, wheels: Wheels) -> Recording:
     found = signals(recording)
     labels = DUTIES if told_duties(recording) else SIDES
     if set(labels) <= set(found) and not {"speed", "throttle"} & set(found):
-        sides = [found[label] for label in labels]
+        sides = [_side(recording, found, label) for label in labels]
         time = sides[0].time if sides[0].time is sides[1].time else np.unique(np.concatenate([s.time for s in sides]))
         units = {side.unit_of(side.labels[0]) for side in sides}
         sized = labels is SIDES and len(units) == 1 and units != {""}
@@ -72,6 +73,21 @@ def as_driven(recording: Recording, wheels: Wheels) -> Recording:
     for channel in (c for c in rolled if not recording.has(c.name)):
         recording = recording.with_channel(channel)
     return recording
+
+
+def _side(recording: Recording, found: Mapping[str, Channel], label: str) -> Channel:
+    """What all wheels of a side are told: the mean of what is labelled so and `rear_left`, `middle_left`, and the like.
+
+    Raises RecordingError where these are told speeds of their own: such wheels drive sideways. (Shares of what motors can do
+    are often those of a controller of each.)
+    """
+    side, further = found[label], [found[name] for name in found if name.endswith(f"_{label}")]
+    values = [side.values[:, 0], *(held(wheel, side.time) for wheel in further)]
+    for wheel, told in zip(further, values[1:], strict=True):
+        apart = Channel(wheel.name, wheel.labels, side.unit, side.time, (told - values[0])[:, None], side.units)
+        if label in SIDES:
+            refuse_beyond(recording, "apart", apart, side)
+    return side.replace(values=np.mean(values, axis=0)[:, None]) if further else side
 
 
 def refuse_another_unit(recording: Recording, full: tuple[float, float] | None) -> None:

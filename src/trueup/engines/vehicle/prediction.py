@@ -46,7 +46,7 @@ def prediction_errors(
     )
     position = recording.channel("position")
     order = np.argsort(np.argsort(horizons))
-    errors = np.linalg.norm(found - _tracked(position.time, position.values, ends), axis=2)
+    errors = np.linalg.norm(found - tracked(position.time, position.values, ends), axis=2)
     return np.where(ends <= last_known(drive) + 0.5 * drive.step, errors, np.nan)[:, order]
 
 
@@ -92,8 +92,11 @@ def horizons_for(simulator: VehicleSimulator, drives: Sequence[Recording], usual
     return (min(*usual, round(far / 2.0, 2)), float(far)) if far > 0.0 else tuple(usual)
 
 
-def _tracked(time: Array, values: Array, instants: Array) -> Array:
-    """(..., 2) the mean of a line through the samples within 0.05 s, at the instants."""
+def tracked(time: Array, values: Array, instants: Array) -> Array:
+    """(..., k) the mean of a line through the samples (T, k) within 0.05 s, at the instants (...).
+
+    Raises RecordingError without any.
+    """
     good = np.isfinite(values).all(axis=1)
     if not good.any():
         raise RecordingError("there is not one sample in which the position was tracked: nothing to predict")

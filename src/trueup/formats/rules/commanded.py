@@ -45,6 +45,8 @@ def commanded(
     if place and not throttle and not speed and not asked:
         led = leading(kinds["speed"], kinds["yaw_rate"], place, heading, time)
         speed, turn, late = led or (None, turn, 0.0)
+        # What leads is a command with all of its parts.
+        told["sideways"] = [s for s in kinds["sideways"] if speed and s.source == speed.source]
         names = " and ".join(s.column.name for s in (speed, turn) if s is not None)
         said = (
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
@@ -52,7 +54,6 @@ def commanded(
         )  # fmt: skip
     aside, warned = _beyond("sideways", told["sideways"])
     behind, also = _beyond("rear_steering", _behind(kinds["steering"]) if steering else ())
-    said = (*said, *warned, *also)
     unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
     if unused and speed:  # Ackermann messages seldom use their acceleration
         throttle = None
@@ -61,10 +62,10 @@ def commanded(
         brake = best(kinds["brake"]) if throttle else None
         label = "curvature" if steering.kind == "curvature" else "steering"
         more = {"brake": brake, "rear_steering": behind}
-        return {**ahead, label: steering, **{name: s for name, s in more.items() if s}}, said
+        return {**ahead, label: steering, **{name: s for name, s in more.items() if s}}, (*said, *warned, *also)
     if not (speed and turn and (place or measured(paired))):
         return {}, ()
-    return {"speed": speed, "turn": turn, **({"sideways": aside} if aside else {})}, said
+    return {"speed": speed, "turn": turn, **({"sideways": aside} if aside else {})}, (*said, *warned, *also)
 
 
 def _beyond(label: str, told: Sequence[Signal]) -> tuple[Signal | None, tuple[str, ...]]:

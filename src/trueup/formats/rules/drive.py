@@ -42,7 +42,7 @@ def drive(columns: Sequence[Column], time: TimeColumn, *, vehicle: bool = False)
     `vehicle` has joints of an arm on it at most.
     """
     paired = wheels.pairs(columns)
-    of_wheels = {column for pair in paired for column in pair.columns}
+    of_wheels = {column for pair in paired for column in pair.every}
     others = [column for column in columns if column not in of_wheels]
     signals = [signal for column in others if (signal := vehicles.read(column)) is not None]
     place, heading, seen = list(_place(signals).values()), _heading(signals), wiring.measured(paired)
@@ -54,7 +54,7 @@ def drive(columns: Sequence[Column], time: TimeColumn, *, vehicle: bool = False)
         if told is None or (not place and any(_is_joints(c) for c in others)):
             return _pose_alone(signals, columns, time)
         parts = [wiring.part("command", told.command, told.sign, told.notes)]
-        rest = [s for s in signals if s.column not in told.command.columns]
+        rest = [s for s in signals if s.column not in told.command.every]
         seen = wiring.measured(paired, told.command).items()
         counted = [wiring.part(n, pair, wiring.turned_round(pair, told.command, told.sign, time)) for n, pair in seen]
         return parts + _measured(rest, parts, time) + counted

@@ -21,6 +21,24 @@ _SIDES: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("right", "r", "rgt", "rhs", "rechts", "droite", "der", "derecha", "dx", "destra"), "right"),
     }
 )
+_AXLES: Mapping[str, str] = MappingProxyType(
+    {
+        **dict.fromkeys(("front", "fore", "vorne", "avant"), "front"),
+        **dict.fromkeys(("middle", "mid", "center", "centre"), "middle"),
+        **dict.fromkeys(("rear", "back", "hind", "aft", "hinten"), "rear"),
+    }
+)
+"""By what wheels of one side are told apart, the first that there is before those behind it."""
+_CORNERS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        text: (side, axle)
+        for axle, ends in (("front", "f"), ("rear", "rb"))
+        for side in SIDES
+        for end in ends
+        for text in (end + side[0], side[0] + end)
+    }
+)
+"""fl, lf, rr, br and their like: side and axle; left before right where lr and rl may be either."""
 _NUMBERED = (("a", "b"), ("0", "1"), ("1", "2"))
 """By what wheels are told apart where no side is said."""
 _WHEELS = listed("wheel wheels track tracks ticks tick counts enc encoder encoders rpm pwm motor motors")
@@ -66,6 +84,11 @@ EXAMPLES = (
             "command[rad/s] left right; wheel_angle[rad] left right; position[m] x y; heading[rad] heading"),
     Example("t,ML,MR,x,y,theta", "0 9 9 0 0 0|.1 9 8 .1 0 0|.2 7 8 .2 0 .1",
             "command[] left right; position[m] x y; heading[rad] heading"),
+    Example("t,fl_cmd,fr_cmd,rl_cmd,rr_cmd,x,y,theta", "0 1 2 1 2 0 0 0|.1 2 2 2 2 .1 0 0|.2 2 1 2 1 .2 0 .1",
+            "command[] left right rear_left rear_right; position[m] x y; heading[rad] heading"),
+    Example("t,front_left_wheel_rpm_cmd,front_right_wheel_rpm_cmd,rear_left_wheel_rpm_cmd,rear_right_wheel_rpm_cmd,x,y",
+            "0 1 2 1 2 0 0|.1 2 2 2 2 .1 0|.2 2 1 2 1 .2 0",
+            "command[rad/s] left right rear_left rear_right; position[m] x y"),
     Example("t,left_knee_cmd,right_knee_cmd,left_knee_pos,right_knee_pos", "0 .1 .2 .1 .2|.1 .2 .2 .2 .2|.2 .1 .2 .1 .2",
             "command[rad] left_knee right_knee; position[rad] left_knee right_knee"),
     Example("t,q_lf_coxa,q_rf_coxa,q_lm_coxa,q_rm_coxa,q_lh_coxa,q_rh_coxa", "0 .1 .2 .1 .2 .1 .2|.1 .2 .3 .1 .2 .2 .2",
@@ -92,6 +115,18 @@ class Pair:
     """Whether its words say that it is wheels' at all."""
     sided: bool = True
     """Whether its names say which is the left one."""
+    behind: tuple[tuple[str, tuple[Column, Column]], ...] = ()
+    """The same of further axles, each by its name."""
+
+    @property
+    def every(self) -> tuple[Column, ...]:
+        """The columns of all axles, left before right."""
+        return (*self.columns, *(column for _, both in self.behind for column in both))
+
+    @property
+    def swapped(self) -> Pair:
+        """With left and right in each other's place."""
+        return replace(self, columns=self.columns[::-1], behind=tuple((axle, both[::-1]) for axle, both in self.behind))
 
     @property
     def labels(self) -> tuple[str, str]:
@@ -99,26 +134,34 @@ class Pair:
         return DUTIES if self.duty else SIDES
 
     @property
+    def every_label(self) -> tuple[str, ...]:
+        """What the columns of all axles are called."""
+        return (*self.labels, *(f"{axle}_{label}" for axle, _ in self.behind for label in self.labels))
+
+    @property
     def duty(self) -> bool:
         """Whether its words call it a share of what motors can do (PWM, power, voltage), whatever numbers that is in."""
-        words = {_split(w)[1] or w for w in self.columns[0].parts.words}
+        words = {rest for w in self.columns[0].parts.words for rest in (w, *_split(w)[1])}
         return self.kind == "share" and (in_pulses(self) or self.scale != 1.0 or bool(_DUTIES & words))
 
 
 def pairs(columns: Sequence[Column]) -> list[Pair]:
-    """What is there of two wheels, commands with a unit first."""
-    found: dict[tuple[str, tuple[str, ...]], dict[str, Column]] = {}
+    """What is there of two wheels, or of several on each side, commands with a unit first."""
+    found: dict[tuple[str, tuple[str, ...]], dict[str, dict[str, Column]]] = {}
     for column in columns:
-        side, plain = _sided(column.parts.words)
+        side, axle, plain = _sided(column.parts.words)
         if side and column.values.ndim == 1:
-            found.setdefault((column.clock, tuple(plain)), {}).setdefault(side, column)
-    read = [
-        pair
-        for (_, plain), both in found.items()
-        if len(both) == len(SIDES)
-        and _as_many_as_wheels(both["left"], both["right"], columns)
-        and (pair := _read((both["left"], both["right"]), list(plain))) is not None
-    ]
+            found.setdefault((column.clock, tuple(plain)), {}).setdefault(axle, {}).setdefault(side, column)
+    read = []
+    for (_, plain), axles in found.items():
+        there = [
+            (axle, (axles[axle]["left"], axles[axle]["right"]))
+            for axle in ("", *dict.fromkeys(_AXLES.values()))
+            if len(axles.get(axle, ())) == len(SIDES)
+        ]
+        there = [(axle, both) for axle, both in there if _as_many_as_wheels(*both, columns)]
+        pair = _read(there[0][1], list(plain)) if there else None
+        read += [replace(pair, behind=tuple(there[1:]))] if pair else []
     return _units_alike(sorted(read, key=lambda p: (p.kind == "share", not p.unit)))
 
 
@@ -153,28 +196,33 @@ def numbered(columns: Sequence[Column]) -> list[Pair]:
     ]  # fmt: skip
 
 
-def _sided(words: Sequence[str]) -> tuple[str, list[str]]:
-    """The side that a name says, '' for none or two, and its other words: "vl" is v of the left."""
-    sides, plain = [], []
+def _sided(words: Sequence[str]) -> tuple[str, str, list[str]]:
+    """The side that a name says, '' for none or two, the axle, and its other words: "vl" is v of the left."""
+    sides, axles, plain = [], [], []
     for word in words:
         side, rest = _split(word)
         sides += [side] if side else []
-        plain += [rest] if rest else []
-    return (sides[0] if len(sides) == 1 else ""), plain
+        axles += [_AXLES[w] for w in rest if w in _AXLES]
+        plain += [w for w in rest if w not in _AXLES]
+    return (sides[0] if len(sides) == 1 else ""), (axles[0] if axles else ""), plain
 
 
-def _split(word: str) -> tuple[str, str]:
+def _split(word: str) -> tuple[str, list[str]]:
+    """The side that a word says, '' for none, and what else."""
     if word in _SIDES:
-        return _SIDES[word], ""
+        return _SIDES[word], []
+    if word in _CORNERS:
+        return _CORNERS[word][0], [_CORNERS[word][1]]
     known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED | {"m"}
-    for text, side in _SIDES.items():
+    said = {**{text: (side, []) for text, side in _SIDES.items()}, **{t: (s, [a]) for t, (s, a) in _CORNERS.items()}}
+    for text, (side, axle) in said.items():
         for rest, there in (
             (word.removesuffix(text), word.endswith(text)),
             (word.removeprefix(text), word.startswith(text)),
         ):
             if there and rest in known:
-                return side, "motor" if rest == "m" else rest
-    return "", word
+                return side, [*axle, "motor" if rest == "m" else rest]
+    return "", [word]
 
 
 def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:

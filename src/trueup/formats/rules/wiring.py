@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from trueup.inspection.alignment import averaged
 from trueup.inspection.relations import rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
+from trueup.tracking.wheels import SIDES
 from trueup.units import PULSE_FULL, PULSE_MIDDLE
 
 _CLEARLY = 0.5
@@ -41,7 +42,7 @@ class Driven:
 
 def measured(found: Sequence[Pair], command: Pair | None = None) -> dict[str, Pair]:
     """Channel to the first pair that was measured: `wheel_speed`, and `wheel_angle` for what adds up."""
-    channels, taken = {"wheel_speed": "speed", "wheel_angle": "travel"}, set(command.columns if command else ())
+    channels, taken = {"wheel_speed": "speed", "wheel_angle": "travel"}, set(command.every if command else ())
     return {
         channel: pair for channel, kind in channels.items()
         if (pair := next((p for p in found if p.kind == kind and not p.commanded and not taken & set(p.columns)), None))
@@ -117,7 +118,7 @@ def _wired(
         return pair, ((1.0, -1.0) if _together(pair, both, turned, time) < 0.0 else (-1.0, 1.0))
     on = {s: s[1] * _together(pair, both if s[0] == s[1] else difference, forward, time) for s in _SIGNS}
     to_the_left = {s: s[1] * _together(pair, difference if s[0] == s[1] else both, turned, time) for s in _SIGNS}
-    swapped = replace(pair, columns=pair.columns[::-1])
+    swapped = pair.swapped
     # With the columns the other way round, the difference of both is its opposite and the signs change places.
     scores = {(False, s): on[s] + to_the_left[s] for s in _SIGNS}
     scores |= {(True, (s[1], s[0])): on[s] - to_the_left[s] for s in _SIGNS}
@@ -197,5 +198,9 @@ def part(channel: str, pair: Pair, sign: tuple[float, float] = (1.0, 1.0), said:
     note = f"{channel}: {names} taken as a left and a right driven wheel, {more}"
     said = (*said, *(f"{c.name}: counts against its command, taken with sign -1"
                      for c, s in zip(pair.columns, sign, strict=True) if s < 0.0 and channel != "command"))  # fmt: skip
-    short = scale if len(set(scale)) > 1 else scale[:1]
-    return Part(channel, pair.columns, pair.labels, pair.unit, short, (note, *said), (), offset)
+    columns, labels = (pair.every, pair.every_label) if channel == "command" else (pair.columns, pair.labels)
+    if len(columns) > len(SIDES):
+        said = (*said, f"{', '.join(c.name for c in columns[2:])}: further wheels of the same sides")
+    short = scale * (len(columns) // len(SIDES)) if len(set(scale)) > 1 else scale[:1]
+    offset = offset * (len(columns) // len(SIDES)) if any(offset) else offset
+    return Part(channel, columns, labels, pair.unit, short, (note, *said), (), offset)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from json import dumps
 
 import mujoco
@@ -13,6 +13,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.proposal import moving_joints
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
+from trueup.engines.mujoco.setup.speeds import with_speeds
 from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo, takes
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
 from trueup.inspection.scales import check_units
@@ -39,10 +40,11 @@ def driven(model: Model, recordings: Sequence[Recording]) -> Model:
     if not commands:
         return model
     bare, torques, speeds = (not model.compiled.nactuator, *(commands[0].unit in u for u in (_TORQUE, _SPEED)))
+    told = {label: command.unit_of(label) in _SPEED for command in commands for label in command.labels}
     if bare:
         wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
     else:
-        wanted = [] if torques else _otherwise_driven(model, commands, speeds=speeds)
+        wanted = [] if torques else _otherwise_driven(model, told)
     if not wanted:
         return model
     spec = model.spec.copy()
@@ -79,13 +81,16 @@ def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
         actuator.set_to_motor()
 
 
-def _otherwise_driven(model: Model, commands: Sequence[Channel], *, speeds: bool) -> list[str]:
-    """Joints that are commanded, under their name or their drive's, what such a drive does not take: positions, or speeds."""
-    names, told = model.names("actuator"), {label for c in commands for label in c.labels}
+def _otherwise_driven(model: Model, told: Mapping[str, bool]) -> list[str]:
+    """Joints that are commanded, under their name or their drive's, what such a drive does not take: positions, or speeds.
+    `told`: whether it is speeds.
+    """
+    names = model.names("actuator")
     return [
         joint
         for joint, i in model.actuator_of_joint().items()
-        if not takes(model.compiled, i, speeds=speeds) and (joint in told or names[i] in told)
+        for label in dict.fromkeys((joint, names[i]))
+        if label in told and not takes(model.compiled, i, speeds=told[label])
     ]
 
 
@@ -120,6 +125,7 @@ def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = F
 def uncommanded(model: Model, recordings: Sequence[Recording]) -> list[str]:
     """A note on drives that nothing commands in recordings that command others, though their joints move there."""
     found: dict[str, list[str]] = {}
+    beside: list[str] = []
     for recording in recordings:
         command = command_of(recording)
         told = set(command.labels if command is not None else ())
@@ -127,12 +133,20 @@ def uncommanded(model: Model, recordings: Sequence[Recording]) -> list[str]:
             drive = model.drives().get(joint)
             if drive and not {joint, drive} & told:
                 found.setdefault(drive, []).append(recording.name)
+                others = (recording.channel(n) for n in COMMANDS if recording.has(n))
+                beside += [f"'{c.name}' ({c.unit or 'no unit'})" for c in others if {joint, drive} & {*c.labels}]
     if not found:
         return []
     runs = listed(tuple(dict.fromkeys(name for names in found.values() for name in names)))
+    unused = (
+        f" What is in {', '.join(dict.fromkeys(beside))} is not used: beside positions of others the model's drives "
+        "take speeds in rad/s or m/s where they are <velocity> actuators."
+        if beside
+        else ""
+    )
     return [
         f"nothing commands {listed(tuple(found))} in {runs}, though the joint moves there: its servo holds where it began, a "
-        "motor does nothing. If it was driven, give the columns that say so to [channels.command] in the mapping"
+        f"motor does nothing.{unused} If it was driven, give the columns that say so to [channels.command] in the mapping"
     ]
 
 
@@ -150,8 +164,9 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     named, still_more = of_slides(model, named)
     notes += [*more, *still_more, *at_odds(named)]
     kept, cut = [], []
+    named, more = with_speeds(model, named)
+    notes += more
     for recording in named:
-        recording = _with_speeds(model, recording)
         command = command_of(recording)
         torques = [n for n in COMMANDS if recording.has(n) and recording.channel(n).unit in _TORQUE]
         if torques and command is not None and command.name not in torques and _motors(model, command):
@@ -166,20 +181,6 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
             f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
         )
     return kept, notes
-
-
-def _with_speeds(model: Model, recording: Recording) -> Recording:
-    """A recording without commanded positions, where speeds were commanded too and the model's drives take these."""
-    told = {recording.channel(n).unit in _SPEED: n for n in COMMANDS if recording.has(n)}
-    if len(told) < 2 or True not in told:
-        return recording
-    speeds = _actuators(model, recording.channel(told[True])).values()
-    if not speeds or not all(is_speed_servo(model.compiled, i) for i in speeds):
-        return recording
-    for name in COMMANDS:
-        if recording.has(name) and recording.channel(name).unit in _POSITION:
-            recording = recording.without(name)
-    return recording
 
 
 def torques_as_commands(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:

@@ -167,7 +167,7 @@ def _known(model: Model, recording: Recording) -> Iterator[KnownTorque]:
     for column, name in enumerate(commanded(model, command)):
         actuator = model.index("actuator", name)
         known[driven[actuator]] = is_motor(compiled, actuator)
-        control = held[:, :, column] * control_of(model, name, command.unit)
+        control = held[:, :, column] * control_of(model, name, command.unit_of(command.labels[column]))
         torque[:, driven[actuator]] = _given(compiled, actuator, control).mean(axis=0)
     noise = np.zeros(compiled.nv)
     seen = [j for j in joints if j not in unseen]
