@@ -39,6 +39,7 @@ from trueup.loop.stages import (
     selection,
 )
 from trueup.loop.untold import asked_again
+from trueup.loop.weighing import weighing
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 
@@ -70,7 +71,8 @@ _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
-_AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
+_WEIGHING = Stage("weighing", weighing)
+_AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
@@ -81,7 +83,7 @@ STAGES = (
 """What a search does unless told otherwise."""
 DESCENT = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
 """Nothing but where slopes lead."""
-REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
+REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _WEIGHING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
 SHIPPED = (Stage("as it came", as_it_came),)
 """Nothing is searched."""
