@@ -5,7 +5,7 @@ A difference by a hair tells of the touches that happen to lie in it, and a sear
 all parameters are moved at once, by the columns of an orthogonal design and its mirror image: each slope is told by all
 replays and not by two of them, as things are weighed together (H. Hotelling, Annals of Mathematical Statistics 15(3), 1944;
 R. L. Plackett and J. P. Burman, Biometrika 33(4), 1946). They are moved along the axes of what is still open, as far as it is
-open: a combination that hardly shows is moved far, and touches weigh the less in its slope (linearization about the posterior:
+open: a combination that hardly shows is moved far, and touches weigh the less in its slope (posterior linearization:
 A. F. Garcia-Fernandez, L. Svensson, M. R. Morelande and S. Sarkka, IEEE Trans. Signal Processing 63(20), 2015).
 """
 
