@@ -26,7 +26,7 @@ from trueup.search.robust import robust_losses, robust_weights
 
 _WIDE = 3.0
 """Standard deviations to either side."""
-_ROUNDS = 8
+_ROUNDS = 6
 """Of steps; of the second half the mean is kept."""
 
 
