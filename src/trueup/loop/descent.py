@@ -13,8 +13,8 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
-from trueup.loop.disturbed import LeftOut
 from trueup.evidence import EXPLAINED
+from trueup.loop.disturbed import LeftOut
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.parameters import ParameterSpace

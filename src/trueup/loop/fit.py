@@ -41,6 +41,7 @@ from trueup.loop.stages import (
     undisturbed,
 )
 from trueup.loop.untold import asked_again
+from trueup.loop.weighing import weighing
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 
@@ -73,7 +74,8 @@ _ALONE = Stage(NAME, undisturbed)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
-_AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
+_WEIGHING = Stage("weighing", weighing)
+_AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
@@ -86,7 +88,7 @@ _FIRST_LOOKS = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP)
 _LAST_LOOKS = (_SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
 DESCENT = (*_FIRST_LOOKS, *_LAST_LOOKS)
 """Nothing but where slopes lead."""
-REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
+REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _WEIGHING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
 SHIPPED = (Stage("as it came", as_it_came),)
 """Nothing is searched."""

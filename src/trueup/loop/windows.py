@@ -35,7 +35,7 @@ _BENT = 0.5
 """Of what changes with parameters: a part that does not turn round with them. Beyond it slopes at one end of the change lead
 the other way.
 """
-_OFF = 0.03
+OFF = 0.03
 """Of their boxes, by which parameters are changed for that: gains by a quarter, as files are often off."""
 
 
@@ -78,8 +78,8 @@ def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: 
     pairs, parts = 4, 4  # as in `window_length`, the parts of long recordings show enough
     if not floating(problem) or any(t.command is None for t in problem.trials):
         return np.inf
-    middle = np.clip(space.to_unit(values), _OFF, 1.0 - _OFF)
-    off = _OFF * np.random.default_rng(seed).choice([-1.0, 1.0], (pairs, len(middle)))
+    middle = np.clip(space.to_unit(values), OFF, 1.0 - OFF)
+    off = OFF * np.random.default_rng(seed).choice([-1.0, 1.0], (pairs, len(middle)))
     around = space.from_unit(np.concatenate([middle[None], middle + off, middle - off]))
     longest, end = max(t.duration for t in problem.trials), np.inf
     for length in (longest / parts, longest) if problem.duration <= WORTH else (longest / parts,):

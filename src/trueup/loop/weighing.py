@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where feet touch and let go: slopes over a stretch in which single touches average out, and steps by these.
+
+A difference by a hair tells of the touches that happen to lie in it, and a search along such slopes ends at any of them. Here
+all parameters are moved at once, by the columns of an orthogonal design and its mirror image: each slope is told by all
+replays and not by two of them, as things are weighed together (H. Hotelling, Annals of Mathematical Statistics 15(3), 1944;
+R. L. Plackett and J. P. Burman, Biometrika 33(4), 1946). They are moved along the axes of what is still open, as far as it is
+open: a combination that hardly shows is moved far, and touches weigh the less in its slope (posterior linearization:
+A. F. Garcia-Fernandez, L. Svensson, M. R. Morelande and S. Sarkka, IEEE Trans. Signal Processing 63(20), 2015).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.loop.problem import Problem
+from trueup.loop.stages import Run
+from trueup.loop.uncertainty import PRIOR
+from trueup.loop.windows import OFF, floating
+from trueup.parameters import ParameterSpace
+from trueup.search.bounded_step import damped_step
+from trueup.search.robust import robust_losses, robust_weights
+
+_WIDE = 3.0
+"""Standard deviations to either side."""
+_ROUNDS = 6
+"""Of steps; of the second half the mean is kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Replays around a place in the unit box."""
+
+    unit: Array
+    """(n,)"""
+    residual: Array
+    """(m,) at the place."""
+    slopes: Array
+    """(m, n)"""
+    weights: Array
+    """(m,) robust weights."""
+    loss: float
+    """The mean around it."""
+
+    @classmethod
+    def around(
+        cls, problem: Problem, space: ParameterSpace, unit: Array, axes: Array, bend: float, rng: np.random.Generator
+    ) -> Weighed:
+        """From 2 n + 3 replays, along `axes` (n, n): columns in the unit box."""
+        steps = design(len(unit), rng) @ axes.T
+        more, less = np.clip(unit + steps, 0.0, 1.0), np.clip(unit - steps, 0.0, 1.0)
+        seen = problem.residuals(space.from_unit(np.concatenate([unit[None], more, less])))
+        up, down = seen[1 : 1 + len(more)], seen[1 + len(more) :]
+        good = np.isfinite(up).all(axis=1) & np.isfinite(down).all(axis=1)
+        along = np.linalg.solve(
+            axes, (more - less)[good].T
+        ).T  # in units of the axes, which differ by orders of magnitude
+        slopes = np.linalg.solve(axes.T, np.linalg.lstsq(along, (up - down)[good], rcond=None)[0]).T
+        losses = robust_losses(np.concatenate([up[good], down[good]]), bend)
+        return cls(unit, seen[0], slopes, robust_weights(seen[0], bend), float(np.mean(losses)))
+
+    @property
+    def curvature(self) -> Array:
+        """(n, n) of the loss, with what is believed of the box beforehand."""
+        return curvature_of(self.slopes, self.weights)
+
+    def step(self) -> Array:
+        """(n,) where a step of Gauss and Newton leads, within the box."""
+        slope = self.slopes.T @ (self.weights * self.residual)
+        return np.clip(self.unit + damped_step(self.curvature, slope, 0.0, self.unit), 0.0, 1.0)
+
+
+def curvature_of(slopes: Array, weights: Array) -> Array:
+    """(n, n) from slopes (m, n) and robust weights (m,)."""
+    return slopes.T @ (slopes * weights[:, None]) + PRIOR * np.eye(slopes.shape[1])
+
+
+def axes_of(curvature: Array) -> Array:
+    """(n, n) principal axes of what a curvature leaves open, as columns `_WIDE` standard deviations long; `OFF` at most."""
+    sizes, axes = np.linalg.eigh(curvature)
+    return axes * np.minimum(_WIDE / np.sqrt(sizes), OFF)
+
+
+def design(count: int, rng: np.random.Generator) -> Array:
+    """(count + 1, count) orthogonal columns of mean square one, in an order of chance: cosines."""
+    rows = np.arange(count + 1)[:, None] + 0.5
+    return np.sqrt(2.0) * np.cos(np.pi * rows * rng.permutation(np.arange(1, count + 1)) / (count + 1))
+
+
+def weighing(run: Run) -> None:
+    """Goes on from multiple shooting where a free base is replayed in windows: starts and all else in turns.
+
+    Designs differ from round to round, and so do the steps by them: what is kept is the mean of the later places (B. T.
+    Polyak and A. B. Juditsky, SIAM J. Control and Optimization 30(4), 1992), and how these differ is part of what is unsure.
+    It stays where it began if replays around that place are better; slopes are those over a stretch all the same.
+    """
+    fit = run.found
+    if fit.starts is None or not run.problem.windowed or not floating(run.problem) or not len(fit.unit):
+        return
+    space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)
+    problem, starts, places = run.problem, fit.starts, [fit.unit]
+    axes, found = axes_of(curvature_of(fit.jacobian, fit.weights)), []
+    rounds = _ROUNDS if run.starts is None else _ROUNDS // 2  # an earlier fit has gone through them
+    for k in range(rounds + 1):
+        at = places[-1] if k < rounds else np.mean(places[rounds // 2 + 1 :], axis=0)
+        if k:
+            starts, _ = starts.corrected(problem, space.from_unit(at))
+        problem = starts.eliminated_from(problem, space.from_unit(at))
+        weighed = Weighed.around(problem, space, at, axes, bend, rng)
+        run.descent.watch.saw("weighed together", problem, weighed.loss, problem.rmse(weighed.residual))
+        found.append((weighed, starts, problem))
+        axes = axes_of(weighed.curvature)
+        places.append(weighed.step())
+    later = np.array(places[rounds // 2 + 1 : rounds + 1])
+    scatter = (later - later.mean(axis=0)).T @ (later - later.mean(axis=0)) / len(later)
+    weighed, starts, run.problem = min((found[0], found[-1]), key=lambda one: one[0].loss)
+    run.weighed = True
+    run.descent.move(weighed.unit)
+    run.ended = replace(
+        fit, unit=weighed.unit, residual=weighed.residual, jacobian=weighed.slopes, weights=weighed.weights,
+        loss=float(robust_losses(weighed.residual[None], bend)[0]), near=None, starts=starts, shot=run.problem,
+        scatter=scatter if fit.scatter is None else scatter + fit.scatter,
+    )  # fmt: skip
