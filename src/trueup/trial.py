@@ -285,10 +285,7 @@ def reckoned_of(recording: Recording) -> frozenset[str]:
 
 def command_of(recording: Recording) -> Channel | None:
     """The command channel of a recording: what was sent if it is known, else what was requested, else None."""
-    for name in COMMANDS:
-        if recording.has(name):
-            return recording.channel(name)
-    return None
+    return next((recording.channel(name) for name in COMMANDS if recording.has(name)), None)
 
 
 def shared_joints(command: Channel, position: Channel) -> tuple[str, ...]:

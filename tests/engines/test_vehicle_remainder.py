@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.remainder import unlike
+from trueup.engines.vehicle.remainder import unlike_commanded
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.recording import Channel, Recording
 
@@ -53,7 +53,7 @@ def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0) -> Recording:
 def test_errors_that_go_with_the_commands_are_told_of(aspect: str, trailer: float, skids: float) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
     drives = [robot.prepared(drive(seed, trailer=trailer, skids=skids)) for seed in (0, 1)]
-    said = unlike(robot, np.zeros(0), drives, 3.0)
+    said = unlike_commanded(robot, np.zeros(0), drives, 3.0)
     assert len(said) == bool(aspect)
     assert all(aspect in text and "goes with what was commanded" in text for text in said)
 
@@ -62,4 +62,4 @@ def test_errors_that_go_with_the_commands_are_told_of(aspect: str, trailer: floa
 def test_drives_too_short_to_leave_stretches_out_tell_nothing(seconds: float) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
     short = robot.prepared(drive(0, trailer=0.4).slice(0.0, seconds))
-    assert unlike(robot, np.zeros(0), [short], 3.0) == ()
+    assert unlike_commanded(robot, np.zeros(0), [short], 3.0) == ()

@@ -92,7 +92,7 @@ def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> N
         channel = recording.channel("position")
         for label in (j for j in channel.labels if j in joints and not joints[j].slides and joints[j].range):
             most = float(np.nanmax(np.abs(channel.column(label)), initial=0.0))
-            if hardly_radians(most) and not _within(joints, channel.select([label])):
+            if hardly_radians(most) and not _within(joints, channel.select([label]), to_si("deg")[1]):
                 low, high = joints[label].ends
                 raise RecordingError(
                     f"'{recording.name}': positions have no unit, and '{label}', which reaches {most:.4g}, is beyond its "

@@ -60,7 +60,9 @@ class Weighed:
         ).T  # in units of the axes, which differ by orders of magnitude
         slopes = np.linalg.solve(axes.T, np.linalg.lstsq(along, (up - down)[good], rcond=None)[0]).T
         losses = robust_losses(np.concatenate([up[good], down[good]]), bend)
-        return cls(unit, seen[0], slopes, robust_weights(seen[0], bend), float(np.mean(losses)))
+        return cls(
+            unit, seen[0], np.asarray(slopes, dtype=np.float64), robust_weights(seen[0], bend), float(np.mean(losses))
+        )
 
     @property
     def curvature(self) -> Array:

@@ -19,7 +19,7 @@ from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.quantities import LASTING
-from trueup.engines.vehicle.remainder import unlike
+from trueup.engines.vehicle.remainder import unlike_commanded
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
@@ -123,7 +123,10 @@ class Vehicles(Family):
             *(sentence for each in shown for sentence in each),
         )
         estimates = slow_in_one_way(by_both(found.estimates, other.estimates))
-        warnings = (*said_once(found.warnings), *unlike(simulator, found.values, [*drives, *others], max(horizons)))
+        warnings = (
+            *said_once(found.warnings),
+            *unlike_commanded(simulator, found.values, [*drives, *others], max(horizons)),
+        )
         return replace(found, estimates=estimates, notes=notes, warnings=warnings)
 
     def known_before(self, simulator: VehicleSimulator) -> bool:

@@ -1,143 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether what a calibrated vehicle is predicted wrong by goes with what it was told: then its structure is another one.
-
-What is left beyond the noise may be the floor's or the battery's. What goes with the commands is not. No list of vehicles
-is looked through (trailers, rear wheels that steer, tyres that scrub): a regression without any structure is asked, and has
-to foretell what it did not see.
-"""
+"""How far a calibrated vehicle is predicted wrong, beside what it was told: does the one go with the other?"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.arrays import Array, Integers, Mask
+from trueup.arrays import Array
 from trueup.engines.vehicle.prediction import tracked
 from trueup.engines.vehicle.rollout import VehicleSimulator
-from trueup.evidence import EXPLAINED, FEWEST_PARTS, Evidence, evidence
+from trueup.inspection.remainder import EVERY, Astray, cubes, means, moved, unlike
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
-from trueup.rounding import TINY
 from trueup.samples import wrapped
 from trueup.tracking.channels import READ
 from trueup.tracking.past import PAST, begun_at
 from trueup.trial import Trial
 
-EVERY = 0.25
-"""In s between predictions."""
-STRETCH = 10.0
-"""In s: what is left out together, several times as long as a prediction."""
-HALF = float(np.log(2.0))
-"""Gain from which on a structure is worth being told of: left-out errors half as large."""
-SIDES = ("position along the vehicle", "position across the vehicle", "heading")
+
+def unlike_commanded(
+    simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], horizon: float
+) -> tuple[str, ...]:
+    """What to say of prepared drives whose errors `horizon` s ahead go with what was commanded."""
+    each = [astray(simulator, values, drive, horizon) for drive in drives]
+    return unlike([a for a in each if len(a.begun)], horizon)
 
 
-@dataclass(frozen=True, eq=False)
-class Astray:
-    """(S,) predictions of one drive, and what the vehicle had been told and did when each began."""
-
-    begun: Array
-    """(S,) in s."""
-    errors: Array
-    """(S, 3) of how far it goes ahead and to its left (m), and turns (rad), in the second half of each prediction: what was
-    unsure where it began is hardly in that."""
-    noise: Array
-    """(3,) standard deviations of these as they are measured, pose by pose."""
-    told: Array
-    """(S, F) means of commands around each prediction, and speed and turn rate where it began, with their products."""
-
-    @classmethod
-    def of(cls, simulator: VehicleSimulator, values: Array, recording: Recording, horizon: float) -> Astray:
-        """Of a prepared drive, predicted `horizon` s ahead with values (n,) of the simulator's parameters."""
-        trial = Trial.of(recording, simulator.observable(recording))
-        past = simulator.past(trial)
-        starts = begun_at(past, horizon, EVERY)
-        begun, at = past.begin + past.step * starts.astype(np.float64), np.array([0.5 * horizon, horizon])
-        rows, _ = simulator.rows(values)
-        first, since = 2 * np.arange(len(starts) + 1, dtype=np.int64), np.tile(at, len(starts))
-        found = simulator.predict(past, rows[:1], starts, first, since)[0].reshape(len(starts), 2, READ)[:, :, :3]
-        position, heading = recording.channel("position"), recording.channel("heading")
-        pose = np.concatenate([position.values, heading.at(position.time)], axis=1)
-        errors = _moved(found) - _moved(tracked(position.time, pose, begun[:, None] + at))
-        errors[:, 2] = wrapped(errors[:, 2])
-        windows = np.round(np.arange(-PAST, horizon + 0.5) / past.step).astype(np.int64)
-        told = np.concatenate([_means(past.commands, starts, windows), _cubes(past.seen[starts, 3:])], axis=1)
-        x, y, psi = estimate_noise(pose, position.time).tolist()
-        noise = np.array([np.hypot(x, y), np.hypot(x, y), np.hypot(psi, psi)])
-        return cls(begun, errors, noise, told)
-
-
-def unlike(simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], horizon: float) -> tuple[str, ...]:
-    """What to say of prepared drives whose errors `horizon` s ahead a regression on the commands foretells: nothing where
-    left-out errors do not become half as large, by the rule of evidence.
-    """
-    each = [a for d in drives if len((a := Astray.of(simulator, values, d, horizon)).begun)]
-    if not each:
-        return ()
-    shown = zip(SIDES, foretold(each, horizon), _beyond_noise(each), strict=True)
-    clear = [(side, e) for side, e, beyond in shown if beyond and e.holds and e.gain > HALF]
-    if not clear:
-        return ()
-    side, most = max(clear, key=lambda found: found[1].gain)
-    return (
-        f"what is left goes with what was commanded: a regression on the commands foretells the error of the {side} "
-        f"{horizon:g} s ahead, left-out errors are {most.in_words()} with it. The vehicle moves in a way that the simulated "
-        "one cannot (as with a trailer, with wheels that steer or slip otherwise, or with something else that was commanded "
-        "and is not in the mapping), and values found for it make up for that",
-    )
-
-
-def _beyond_noise(each: Sequence[Astray]) -> Mask:
-    """(3,) which errors are more than noise of what was measured."""
-    squares = np.mean(np.concatenate([a.errors for a in each]) ** 2, axis=0)
-    return squares > (EXPLAINED * np.max([a.noise for a in each], axis=0)) ** 2
-
-
-def foretold(each: Sequence[Astray], horizon: float) -> list[Evidence]:
-    """What left-out stretches of drives say of a regression on the commands, for each of `SIDES`; nothing where there are
-    fewer than are worth asking.
-    """
-    parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // STRETCH)]
-    if len(parts) < FEWEST_PARTS:
-        return [Evidence(0.0, float("inf"))] * len(SIDES)
-    drive = np.concatenate([np.full(len(a.begun), k) for k, a in enumerate(each)])
-    begun, errors, told = (np.concatenate([getattr(a, n) for a in each]) for n in ("begun", "errors", "told"))
-    table = np.column_stack([np.ones(len(told)), (told - told.mean(axis=0)) / (told.std(axis=0) + TINY)])
-    without, with_it = [], []
-    for k, n in parts:
-        left = (drive == k) & (begun // STRETCH == n)
-        apart = (drive != k) | (begun < n * STRETCH - horizon) | (begun > (n + 1) * STRETCH + horizon)
-        rest = errors[left] - table[left] @ _ridge(table[apart], errors[apart], horizon / EVERY)
-        without.append(np.sqrt(np.mean(errors[left] ** 2, axis=0)))
-        with_it.append(np.sqrt(np.mean(rest**2, axis=0)))
-    return [evidence(a, b, a**2) for a, b in zip(np.transpose(without), np.transpose(with_it), strict=True)]
-
-
-def _moved(poses: Array) -> Array:
-    """(S, 3) ahead, to the left (m) and turned (rad) from the first of poses (S, 2, 3) to the second."""
-    (dx, dy, turned), psi = (poses[:, 1] - poses[:, 0]).T, poses[:, 0, 2]
-    return np.stack([np.cos(psi) * dx + np.sin(psi) * dy, np.cos(psi) * dy - np.sin(psi) * dx, turned], axis=1)
-
-
-def _ridge(table: Array, wanted: Array, weight: float) -> Array:
-    """Least squares that count each coefficient (the first but for) as `weight` rows: as many tell the same."""
-    penalty = weight * np.eye(table.shape[1])
-    penalty[0, 0] = TINY
-    return np.asarray(np.linalg.solve(table.T @ table + penalty, table.T @ wanted), dtype=np.float64)
-
-
-def _means(commands: Array, starts: Integers, edges: Integers) -> Array:
-    """(S, F) means of commands (G, 2) and of their products over windows between `edges` around the `starts`."""
-    table = _cubes(commands)
-    until = np.concatenate([np.zeros((1, table.shape[1])), np.cumsum(table, axis=0)])
-    at = np.clip(starts[:, None] + edges[None], 0, len(commands))
-    means = np.diff(until[at], axis=1) / np.maximum(np.diff(at, axis=1), 1)[:, :, None]
-    return means.reshape(len(starts), means.shape[1] * means.shape[2])
-
-
-def _cubes(pairs: Array) -> Array:
-    """(T, F) both of pairs (T, 2), their products up to the third power, and the size of the second with either sign."""
-    a, b = (pairs / np.maximum(np.abs(pairs).max(axis=0, initial=0.0), TINY)).T
-    return np.stack([a, b, a * b, a * a, b * b, a * a * b, a * b * b, b**3, np.abs(b), a * np.abs(b)], axis=1)
+def astray(simulator: VehicleSimulator, values: Array, recording: Recording, horizon: float) -> Astray:
+    """Of a prepared drive, predicted `horizon` s ahead with values (n,) of the simulator's parameters."""
+    trial = Trial.of(recording, simulator.observable(recording))
+    past = simulator.past(trial)
+    starts = begun_at(past, horizon, EVERY)
+    begun, at = past.begin + past.step * starts.astype(np.float64), np.array([0.5 * horizon, horizon])
+    rows, _ = simulator.rows(values)
+    first, since = 2 * np.arange(len(starts) + 1, dtype=np.int64), np.tile(at, len(starts))
+    found = simulator.predict(past, rows[:1], starts, first, since)[0].reshape(len(starts), 2, READ)[:, :, :3]
+    position, heading = recording.channel("position"), recording.channel("heading")
+    pose = np.concatenate([position.values, heading.at(position.time)], axis=1)
+    errors = moved(found) - moved(tracked(position.time, pose, begun[:, None] + at))
+    errors[:, 2] = wrapped(errors[:, 2])
+    windows = np.round(np.arange(-PAST, horizon + 0.5) / past.step).astype(np.int64)
+    told = np.concatenate([means(past.commands, starts, windows), cubes(past.seen[starts, 3:])], axis=1)
+    x, y, psi = estimate_noise(pose, position.time).tolist()
+    noise = np.array([np.hypot(x, y), np.hypot(x, y), np.hypot(psi, psi)])
+    return Astray(begun, errors, noise, told)
