@@ -3,13 +3,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.discrepancies.discrepancy import measured_at
+from trueup.engines.simulator import Rollout
+from trueup.instant import at_instant
+from trueup.loop.descent import Watch
+from trueup.loop.fit import REFINEMENT, SEARCHES, fit
 from trueup.loop.problem import Problem
 from trueup.loop.weighing import Weighed, axes_of, curvature_of, design
+from trueup.loop.windows import in_windows
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.recording import Channel, Recording
 from trueup.search.least_squares import LeastSquares
+from trueup.trial import Trial
 
 SPACE = ParameterSpace(tuple(Parameter(f"p{k}", "", 0.5, 0.0, 1.0) for k in range(6)))
 TRUTH = np.array([0.45, 0.52, 0.5, 0.55, 0.48, 0.51])
@@ -49,3 +59,72 @@ def test_steps_by_what_is_weighed_together_arrive_where_single_cracks_hold_diffe
         axes, unit = axes_of(weighed.curvature), weighed.step()
     off, held = (np.abs(where - TRUTH).max() for where in (unit, hair.best[0]))
     assert off < held / 3.0
+
+
+NAMES = {"base_position": ("x", "y", "z"), "base_orientation": ("roll", "pitch", "yaw")}
+SIGMA = 0.01
+TIME = np.arange(0.0, 8.0, 0.02)
+SHIPPED = ParameterSpace(
+    (
+        Parameter("speed", "m/s", 1.2, 0.5, 2.0),
+        Parameter("drift", "m/s2", 0.0, -1.0, 1.0),
+        Parameter("none", "", 0.5, 0.0, 1.0),
+    )
+)
+
+
+class Walker:
+    """Runs on from where it was seen; in each window a touch, of which a hair of anything decides, pushes it aside."""
+
+    parameters, step = SHIPPED, 0.02
+
+    def at_step(self, step: float) -> Walker:
+        return self
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        return tuple(NAMES)
+
+    def rollout(self, trials: Sequence[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        done = []
+        for trial in trials:
+            at = {n: at_instant(trial.initial[n], None, trial.start).value for n in NAMES}
+            at = {n: v + trial.corrections.get(n, np.zeros((2, 3)))[0] for n, v in at.items()}
+            past = trial.observed["base_position"].time - trial.start
+            ran, climbed = values[:, :1] * past, values[:, 1:2] * past
+            sign = np.sign(np.sin(300.0 * (values[:, :2] @ [1.0, 0.4] + at["base_position"][0]) + trial.start))
+            moved = np.stack([ran, 0.5 * SIGMA * sign[:, None] * (past > 0.2), climbed], axis=-1)
+            still = np.broadcast_to(at["base_orientation"], moved.shape)
+            done.append(Rollout(trial, {"base_position": at["base_position"] + moved, "base_orientation": still}, {}))
+        return done
+
+
+class ByNoise:
+    def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
+        return np.full(len(labels), SIGMA)
+
+    def residual(self, real: Recording, simulated: Rollout) -> Array:
+        seen = [
+            (simulated.channels[n] - measured_at(real, n, o.labels, o.time)) / SIGMA
+            for n, o in simulated.trial.observed.items()
+        ]
+        return np.concatenate([each.reshape(len(each), -1) for each in seen], axis=1)
+
+
+def test_a_search_in_windows_of_a_free_base_ends_with_slopes_over_a_stretch_and_goes_on_by_them() -> None:
+    rng, walked = np.random.default_rng(3), np.stack([TIME, 0.0 * TIME, 0.3 * TIME], axis=1)
+    seen = {
+        name: Channel(name, labels, "m" if name == "base_position" else "rad", TIME,
+                      walked * (name == "base_position") + SIGMA * rng.standard_normal((len(TIME), 3)))
+        for name, labels in NAMES.items()
+    }  # fmt: skip
+    whole = Problem(Walker(), [Recording("walk", seen)], ByNoise())  # type: ignore[arg-type]
+    problem = in_windows(whole, 0.8)
+    found = fit(problem, SHIPPED, SHIPPED.nominal, Watch(), stages=SEARCHES["gradient"])
+    assert found.weighed
+    np.testing.assert_allclose(found.values[:2], (1.0, 0.3), atol=0.005)
+    again = fit(problem, SHIPPED.left_open(["none"]), found.values, Watch(), stages=REFINEMENT, begun=found)
+    assert again.weighed
+    np.testing.assert_allclose(again.values[:2], (1.0, 0.3), atol=0.005)
+    assert again.jacobian.shape[1] == 2
+    assert again.scatter is not None
+    assert again.scatter.shape == (2, 2)

@@ -54,9 +54,9 @@ class Fit:
     coarse_step: float | None = None  # s, that simulates nearly the same: changes may be looked at with it
     starts: Starts | None = None  # corrections of the measured starts, if those matter
     shot: Problem | None = None  # the problem with these, which was solved
+    weighed: bool = False  # whether slopes are those over a stretch (see `weighing.py`)
     disturbed: LeftOut = field(default_factory=LeftOut)  # why the search ended early: to be begun without this
-    notes: tuple[str, ...] = ()
-    """What was decided on the way, in words."""
+    notes: tuple[str, ...] = ()  # what was decided on the way, in words
 
     @property
     def values(self) -> Array:

@@ -139,7 +139,13 @@ def fit(
         starts=None if begun is None else begun.starts,
     )
     if begun is not None:
-        descent.take_up(begun.jacobian[:, [not space[p.name].frozen for p in begun.space.parameters if not p.frozen]])
+        kept = np.array([not space[p.name].frozen for p in begun.space.parameters if not p.frozen], dtype=bool)
+        descent.take_up(begun.jacobian[:, kept])
+        if begun.weighed and int(kept.sum()) == len(point):
+            scatter = None if begun.scatter is None else begun.scatter[np.ix_(kept, kept)]
+            run.weighed = replace(
+                begun, space=space, unit=point, jacobian=begun.jacobian[:, kept], scatter=scatter, notes=()
+            )
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
         if run.disturbed.gaps:

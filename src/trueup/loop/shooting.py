@@ -19,8 +19,11 @@ from trueup.loop.uncertainty import start_scatter, unit_covariance
 def multiple_shooting(run: Run) -> None:
     """Start states become parameters with their measured noise, in turns with all else, where they matter.
 
-    Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
+    Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that. What goes on
+    from slopes over a stretch goes on by these (`weighing.py`).
     """
+    if run.weighed is not None:
+        return
     rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
     values, ahead = run.descent.space.from_unit(run.descent.point), None
     starts = run.starts

@@ -56,8 +56,8 @@ class Run:
     notes: list[str] = field(default_factory=list)
     disturbed: LeftOut = field(default_factory=LeftOut)
     """Stretches that no values replay: the search ends where these are seen, to be begun without them."""
-    weighed: bool = False
-    """Whether slopes are those over a stretch already (see `weighing.py`)."""
+    weighed: Fit | None = None
+    """The earlier fit, of all that is free here, where its slopes are those over a stretch (see `weighing.py`)."""
     ended: Fit | None = None
 
     @property
@@ -257,7 +257,7 @@ def implicit_filtering(run: Run) -> None:
     """Wide differences lead further down where the loss has stairs; not where so much was recorded that joints are searched
     alone: every look would cost the engine minutes. Nor where slopes are wide already: these would be lost.
     """
-    if run.weighed or run.coarse.approximate_part is not None:
+    if run.found.weighed or run.coarse.approximate_part is not None:
         return
     run.descent.watch.saw("around the optimum", run.problem, run.found.loss, run.problem.rmse(run.found.residual))
     run.ended = widened(run.problem, run.found, run.seed, run.descent.robust)

@@ -97,15 +97,16 @@ def weighing(run: Run) -> None:
 
     Designs differ from round to round, and so do the steps by them: what is kept is the mean of the later places (B. T.
     Polyak and A. B. Juditsky, SIAM J. Control and Optimization 30(4), 1992), and how these differ is part of what is unsure.
-    It stays where it began if replays around that place are better; slopes are those over a stretch all the same.
+    It stays where it began if replays around that place are better; slopes are those over a stretch all the same. A fit that
+    was begun by such slopes takes a third of the rounds.
     """
-    fit = run.found
+    fit = run.weighed or run.found
     if fit.starts is None or not run.problem.windowed or not floating(run.problem) or not len(fit.unit):
         return
     space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)
     problem, starts, places = run.problem, fit.starts, [fit.unit]
     axes, found = axes_of(curvature_of(fit.jacobian, fit.weights)), []
-    rounds = _ROUNDS if run.starts is None else _ROUNDS // 2  # an earlier fit has gone through them
+    rounds = _ROUNDS if run.weighed is None else _ROUNDS // 3
     for k in range(rounds + 1):
         at = places[-1] if k < rounds else np.mean(places[rounds // 2 + 1 :], axis=0)
         if k:
@@ -116,13 +117,14 @@ def weighing(run: Run) -> None:
         found.append((weighed, starts, problem))
         axes = axes_of(weighed.curvature)
         places.append(weighed.step())
-    later = np.array(places[rounds // 2 + 1 : rounds + 1])
-    scatter = (later - later.mean(axis=0)).T @ (later - later.mean(axis=0)) / len(later)
     weighed, starts, run.problem = min((found[0], found[-1]), key=lambda one: one[0].loss)
-    run.weighed = True
     run.descent.move(weighed.unit)
     run.ended = replace(
         fit, unit=weighed.unit, residual=weighed.residual, jacobian=weighed.slopes, weights=weighed.weights,
         loss=float(robust_losses(weighed.residual[None], bend)[0]), near=None, starts=starts, shot=run.problem,
-        scatter=scatter if fit.scatter is None else scatter + fit.scatter,
+        weighed=True,
     )  # fmt: skip
+    if run.weighed is None:
+        apart = np.array(places[rounds // 2 + 1 : rounds + 1]) - weighed.unit
+        scatter = apart.T @ apart / len(apart)
+        run.ended.scatter = scatter if fit.scatter is None else scatter + fit.scatter
