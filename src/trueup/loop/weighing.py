@@ -11,6 +11,7 @@ A. F. Garcia-Fernandez, L. Svensson, M. R. Morelande and S. Sarkka, IEEE Trans. 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +27,8 @@ from trueup.search.robust import robust_losses, robust_weights
 
 _WIDE = 3.0
 """Standard deviations to either side."""
-_ROUNDS = 6
-"""Of steps; of the second half the mean is kept."""
+_TOGETHER, _MOST = 3, 18
+"""Rounds that are looked at together, where those before were no higher the last ones; and all at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +96,10 @@ def design(count: int, rng: np.random.Generator) -> Array:
 def weighing(run: Run) -> None:
     """Goes on from multiple shooting where a free base is replayed in windows: starts and all else in turns.
 
-    Designs differ from round to round, and so do the steps by them: what is kept is the mean of the later places (B. T.
+    Designs differ from round to round, and so do the steps by them: what is kept is the mean of the last places (B. T.
     Polyak and A. B. Juditsky, SIAM J. Control and Optimization 30(4), 1992), and how these differ is part of what is unsure.
     It stays where it began if replays around that place are better; slopes are those over a stretch all the same. A fit that
-    was begun by such slopes takes a third of the rounds.
+    was begun by such slopes takes two steps.
     """
     fit = run.weighed or run.found
     if fit.starts is None or not run.problem.windowed or not floating(run.problem) or not len(fit.unit):
@@ -106,15 +107,18 @@ def weighing(run: Run) -> None:
     space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)
     problem, starts, places = run.problem, fit.starts, [fit.unit]
     axes, found = axes_of(curvature_of(fit.jacobian, fit.weights)), []
-    rounds = _ROUNDS if run.weighed is None else _ROUNDS // 3
-    for k in range(rounds + 1):
-        at = places[-1] if k < rounds else np.mean(places[rounds // 2 + 1 :], axis=0)
+    most = _MOST if run.weighed is None else _TOGETHER - 1
+    for k in range(most + 1):
+        ended = k == most or _level([one.loss for one, _, _ in found], problem.chance(fit.residual) * len(fit.unit))
+        at = np.mean(places[-_TOGETHER:], axis=0) if ended else places[-1]
         if k:
             starts, _ = starts.corrected(problem, space.from_unit(at))
         problem = starts.eliminated_from(problem, space.from_unit(at))
         weighed = Weighed.around(problem, space, at, axes, bend, rng)
         run.descent.watch.saw("weighed together", problem, weighed.loss, problem.rmse(weighed.residual))
         found.append((weighed, starts, problem))
+        if ended:
+            break
         axes = axes_of(weighed.curvature)
         places.append(weighed.step())
     weighed, starts, run.problem = min((found[0], found[-1]), key=lambda one: one[0].loss)
@@ -125,6 +129,13 @@ def weighing(run: Run) -> None:
         weighed=True,
     )  # fmt: skip
     if run.weighed is None:
-        apart = np.array(places[rounds // 2 + 1 : rounds + 1]) - weighed.unit
+        apart = np.array(places[-_TOGETHER:]) - weighed.unit
         scatter = apart.T @ apart / len(apart)
         run.ended.scatter = scatter if fit.scatter is None else scatter + fit.scatter
+
+
+def _level(losses: Sequence[float], worth: float) -> bool:
+    """Whether the last rounds are no lower than those before, but for what chance is `worth`."""
+    if len(losses) % _TOGETHER or len(losses) < 2 * _TOGETHER:
+        return False
+    return float(np.mean(losses[-_TOGETHER:])) > float(np.mean(losses[-2 * _TOGETHER : -_TOGETHER])) - worth
