@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Mask
 from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
 from trueup.loop.alike import all_alike
@@ -141,11 +141,7 @@ def fit(
     if begun is not None:
         kept = np.array([not space[p.name].frozen for p in begun.space.parameters if not p.frozen], dtype=bool)
         descent.take_up(begun.jacobian[:, kept])
-        if begun.weighed and int(kept.sum()) == len(point):
-            scatter = None if begun.scatter is None else begun.scatter[np.ix_(kept, kept)]
-            run.weighed = replace(
-                begun, space=space, unit=point, jacobian=begun.jacobian[:, kept], scatter=scatter, notes=()
-            )
+        run.weighed = _going_on(begun, kept, descent)
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
         if run.disturbed.gaps:
@@ -153,6 +149,15 @@ def fit(
     step = None if run.coarse is run.problem else run.coarse.simulator.step
     notes = (*run.notes, *_approximated(run.found.near or run.coarse))
     return replace(run.found, notes=notes, coarse_step=step, disturbed=run.disturbed)
+
+
+def _going_on(begun: Fit, kept: Mask, descent: Descent) -> Fit | None:
+    """An earlier fit by slopes over a stretch, of what of it is `kept` (n_free,); None where it is another, or of less."""
+    if not begun.weighed or int(kept.sum()) != len(descent.point):
+        return None
+    scatter = None if begun.scatter is None else begun.scatter[np.ix_(kept, kept)]
+    jacobian = begun.jacobian[:, kept]
+    return replace(begun, space=descent.space, unit=descent.point, jacobian=jacobian, scatter=scatter, notes=())
 
 
 def _approximated(problem: Problem) -> tuple[str, ...]:
