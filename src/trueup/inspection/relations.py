@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.noise import estimate_noise
+from trueup.recording import Channel, Recording
+from trueup.trial import command_of
 
 CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
@@ -53,3 +55,26 @@ def nearest(value: float, known: Mapping[str, float]) -> str:
     near = {name: abs(math.log(value / size)) for name, size in known.items() if value * size > 0.0}
     best = min(near, key=lambda name: near[name], default="")
     return best if best and near[best] < _TOLERANCE else ""
+
+
+def follows_by_speed(label: str, recordings: Sequence[Recording]) -> bool:
+    """Whether a joint whose commands are called positions follows them by its speed rather than by where it is."""
+    likeness = np.zeros(2)
+    for recording in recordings:
+        command, position = command_of(recording), recording.channels.get("position")
+        if command is None or position is None or not {label} <= set(command.labels) & set(position.labels):
+            continue
+        if command.unit_of(label) != position.unit_of(label):
+            return False
+        likeness += _likeness(command.select([label]), position.select([label]))
+    return bool(likeness[1] > max(likeness[0], 0.0))
+
+
+def _likeness(command: Channel, position: Channel) -> Array:
+    """(2,) correlations of a joint's command with its position and with its speed, each times the samples."""
+    good = np.isfinite(position.values[:, 0])
+    time, there = position.time[good], position.values[good, 0]
+    told = command.at(time, hold=True)[:, 0]
+    if len(time) < 3 or min(np.ptp(told), np.ptp(there)) <= 0.0:
+        return np.zeros(2)
+    return np.array([len(time) * np.corrcoef(told, v)[0, 1] for v in (there, np.gradient(there, time))])

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.arrays import Array
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import is_speed_servo
-from trueup.recording import Channel, Recording
+from trueup.inspection.relations import follows_by_speed
+from trueup.recording import Recording
 from trueup.trial import COMMANDS, command_of
 
 SPEED = {"rad": "rad/s", "m": "m/s"}
@@ -28,7 +28,7 @@ def with_speeds(model: Model, recordings: Sequence[Recording]) -> tuple[list[Rec
     drives = {name for name, i in _drives(model).items() if is_speed_servo(model.compiled, i)}
     every = [c for r in together if (c := command_of(r)) is not None]
     told = [label for label in dict.fromkeys(x for c in every for x in c.labels) if label in drives]
-    speeds = [label for label in told if _as_fast(label, together)]
+    speeds = [label for label in told if follows_by_speed(label, together)]
     note = (
         f"{', '.join(speeds)}: taken as told speeds, which the drive in the model takes and the joint follows; if these are "
         "positions, give the model <position> actuators there"
@@ -66,29 +66,6 @@ def _together(model: Model, recording: Recording) -> Recording:
     )
     units = (*(positions.unit_of(x) for x in others), *(speeds.unit_of(x) for x in taken))
     return recording.with_channel(positions.replace(labels=(*others, *taken), values=values, units=units))
-
-
-def _as_fast(label: str, recordings: Sequence[Recording]) -> bool:
-    """Whether a joint whose commands are called positions follows them by its speed rather than by where it is."""
-    likeness = np.zeros(2)
-    for recording in recordings:
-        command, position = command_of(recording), recording.channels.get("position")
-        if command is None or position is None or not {label} <= set(command.labels) & set(position.labels):
-            continue
-        if command.unit_of(label) != position.unit_of(label):
-            return False
-        likeness += _likeness(command.select([label]), position.select([label]))
-    return bool(likeness[1] > max(likeness[0], 0.0))
-
-
-def _likeness(command: Channel, position: Channel) -> Array:
-    """(2,) correlations of a joint's command with its position and with its speed, each times the samples."""
-    good = np.isfinite(position.values[:, 0])
-    time, there = position.time[good], position.values[good, 0]
-    told = command.at(time, hold=True)[:, 0]
-    if len(time) < 3 or min(np.ptp(told), np.ptp(there)) <= 0.0:
-        return np.zeros(2)
-    return np.array([len(time) * np.corrcoef(told, v)[0, 1] for v in (there, np.gradient(there, time))])
 
 
 def _in_speeds(recording: Recording, labels: Sequence[str]) -> Recording:
