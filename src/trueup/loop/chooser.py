@@ -57,7 +57,8 @@ class Chooser:
             values = np.where(space.free, found.values, space.nominal)
             told = {**how, "stages": SHIPPED} if nothing else {**how, "stages": REFINEMENT, "begun": found}
             again = fit(problem, space, space.nominal if nothing else values, watch, **told)
-            if (loss := _loss(again, first)) < lowest - proof(problem, found):  # it was no optimum where it was asked
+            lower = (loss := _loss(again, first)) < lowest - proof(problem, found)
+            if lower and not again.weighed:  # it was no optimum where it was asked; among touches lower is chance
                 lowest = loss
                 told = {**how, "stages": REFINEMENT, "begun": replace(found, starts=again.starts)}
                 found = _with_notes(fit(problem, found.space, again.values, watch, **told), found)
