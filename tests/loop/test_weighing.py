@@ -61,6 +61,18 @@ def test_steps_by_what_is_weighed_together_arrive_where_single_cracks_hold_diffe
     assert off < held / 3.0
 
 
+def test_where_nothing_around_can_be_simulated_there_are_no_slopes() -> None:
+    class Failing(Cracked):
+        def residuals(self, values: Array, only: object = None) -> Array:
+            failed = np.atleast_2d(values)[:, 0] > 0.5
+            return np.where(failed[:, None], np.nan, super().residuals(values))
+
+    axes, rng = 0.01 * np.eye(6), np.random.default_rng(4)
+    assert Weighed.around(Failing(), SPACE, np.full(6, 0.5), axes, 3.5, rng).loss == np.inf
+    assert Weighed.around(Failing(), SPACE, np.full(6, 0.6), axes, 3.5, rng).loss == np.inf
+    assert np.isfinite(Weighed.around(Failing(), SPACE, np.full(6, 0.4), axes, 3.5, rng).loss)
+
+
 NAMES = {"base_position": ("x", "y", "z"), "base_orientation": ("roll", "pitch", "yaw")}
 SIGMA = 0.01
 TIME = np.arange(0.0, 8.0, 0.02)

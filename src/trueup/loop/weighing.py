@@ -18,6 +18,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.problem import Problem
+from trueup.loop.shooting import multiple_shooting
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import PRIOR
 from trueup.loop.windows import OFF, floating
@@ -28,7 +29,7 @@ from trueup.search.robust import robust_losses, robust_weights
 _WIDE = 3.0
 """Standard deviations to either side."""
 _TOGETHER, _MOST = 3, 18
-"""Rounds that are looked at together, where those before were no higher the last ones; and all at most."""
+"""Rounds whose means are compared, and are averaged once they fall no further; and rounds at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Weighed:
     weights: Array
     """(m,) robust weights."""
     loss: float
-    """The mean around it."""
+    """The mean around it; inf where it, or too much around it, cannot be simulated: then there are no slopes."""
 
     @classmethod
     def around(
@@ -56,14 +57,14 @@ class Weighed:
         seen = problem.residuals(space.from_unit(np.concatenate([unit[None], more, less])))
         up, down = seen[1 : 1 + len(more)], seen[1 + len(more) :]
         good = np.isfinite(up).all(axis=1) & np.isfinite(down).all(axis=1)
-        along = np.linalg.solve(
-            axes, (more - less)[good].T
-        ).T  # in units of the axes, which differ by orders of magnitude
+        weights = robust_weights(seen[0], bend)
+        if np.count_nonzero(good) < len(unit) or not np.isfinite(seen[0]).all():
+            return cls(unit, seen[0], np.zeros((seen.shape[1], len(unit))), weights, np.inf)
+        # In units of the axes, which differ by orders of magnitude.
+        along = np.linalg.solve(axes, (more - less)[good].T).T
         slopes = np.linalg.solve(axes.T, np.linalg.lstsq(along, (up - down)[good], rcond=None)[0]).T
         losses = robust_losses(np.concatenate([up[good], down[good]]), bend)
-        return cls(
-            unit, seen[0], np.asarray(slopes, dtype=np.float64), robust_weights(seen[0], bend), float(np.mean(losses))
-        )
+        return cls(unit, seen[0], np.asarray(slopes, dtype=np.float64), weights, float(np.mean(losses)))
 
     @property
     def curvature(self) -> Array:
@@ -107,20 +108,26 @@ def weighing(run: Run) -> None:
     space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)
     problem, starts, places = run.problem, fit.starts, [fit.unit]
     axes, found = axes_of(curvature_of(fit.jacobian, fit.weights)), []
-    most = _MOST if run.weighed is None else _TOGETHER - 1
+    most, worth = (_MOST if run.weighed is None else _TOGETHER - 1), problem.chance(fit.residual) * len(fit.unit)
     for k in range(most + 1):
-        ended = k == most or _level([one.loss for one, _, _ in found], problem.chance(fit.residual) * len(fit.unit))
+        ended = k == most or _level([one.loss for one, _, _ in found], worth)
         at = np.mean(places[-_TOGETHER:], axis=0) if ended else places[-1]
         if k:
             starts, _ = starts.corrected(problem, space.from_unit(at))
         problem = starts.eliminated_from(problem, space.from_unit(at))
         weighed = Weighed.around(problem, space, at, axes, bend, rng)
         run.descent.watch.saw("weighed together", problem, weighed.loss, problem.rmse(weighed.residual))
-        found.append((weighed, starts, problem))
-        if ended:
+        if np.isfinite(weighed.loss):
+            found.append((weighed, starts, problem))
+        if ended or not np.isfinite(weighed.loss):
             break
         axes = axes_of(weighed.curvature)
         places.append(weighed.step())
+    if not found:
+        if run.weighed is not None:  # nothing around where it was to go on can be simulated: the search of before
+            run.weighed = None
+            multiple_shooting(run)
+        return
     weighed, starts, run.problem = min((found[0], found[-1]), key=lambda one: one[0].loss)
     run.descent.move(weighed.unit)
     run.ended = replace(
