@@ -15,6 +15,9 @@ from trueup.rounding import TINY
 
 _FEWEST = 8  # samples below which nothing is estimated
 
+OF_MEDIAN = 1.4826
+"""Standard deviation of normal errors, in medians of their sizes."""
+
 
 def estimate_noise(values: ArrayLike, time: ArrayLike, grid: Sequence[float | None] | None = None) -> Array:
     """(k,) standard deviation of the measurement noise of each column, in the unit of `values` (T, k); time (T,) in s.
@@ -41,9 +44,9 @@ def estimate_noise(values: ArrayLike, time: ArrayLike, grid: Sequence[float | No
 def spread(errors: ArrayLike) -> Array:
     """(...) standard deviation of errors (T, ...) from the median of their sizes, so that a few wild ones do not count.
 
-    F. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974: 1.4826 for normal errors.
+    F. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974.
     """
-    return 1.4826 * np.median(np.abs(errors), axis=0)
+    return OF_MEDIAN * np.median(np.abs(errors), axis=0)
 
 
 def is_noise(column: Array, noise: float, step: float | None) -> bool:

@@ -21,9 +21,9 @@ from trueup.trial import command_of, shared_joints
 
 _FAR = 0.2
 """rad or m beside the command: further than the zero of a servo is searched (`inspection.zeros`)."""
-_USUAL = 6.0
+USUAL = 6.0
 """Times what a joint is usually beside its command (the median): motion of any kind stays within about three."""
-_LONG = 0.5
+LONG = 0.5
 """s: servos settle faster (as in `inspection.zeros`); half of it before and behind is left out too, since it shows late that
 nothing pulls, and a drive that is switched on again begins with a jerk."""
 _NEAR = 0.9
@@ -93,7 +93,7 @@ def _usual(every: Sequence[_Apart]) -> dict[str, float]:
 
 def _released(one: _Apart, usual: Array) -> list[Gap]:
     """Where the drives had let go, with what hangs on that before and behind; `usual` (k,) as `_usual`."""
-    far: Mask = np.any(_stuck(one, np.maximum(_FAR, _USUAL * usual)), axis=1)
+    far: Mask = np.any(_stuck(one, np.maximum(_FAR, USUAL * usual)), axis=1)
     stuck = _runs(far, one.time)
     if not stuck or far.all():
         return []
@@ -109,23 +109,23 @@ def _released(one: _Apart, usual: Array) -> list[Gap]:
     for begin, end in spans:
         outside[begin : end + 1] = False
     follows = np.abs(one.apart[outside]).max(axis=0, initial=0.0)
-    gaps = [(one.time[a] - 0.5 * _LONG, one.time[b] + 0.5 * _LONG) for a, b in spans if _let_go(one, a, b, follows)]
+    gaps = [(one.time[a] - 0.5 * LONG, one.time[b] + 0.5 * LONG) for a, b in spans if _let_go(one, a, b, follows)]
     return [Gap(max(float(one.time[0]), float(a)), float(b - max(one.time[0], a))) for a, b in gaps]
 
 
 def _stuck(one: _Apart, far: Array) -> Mask:
     """(T, k) whether a joint is far beside its command and not on its way there."""
-    window = 0.2 * _LONG
+    window = 0.2 * LONG
     later = np.minimum(np.searchsorted(one.time, one.time + window), len(one.time) - 1)
     earlier = np.maximum(np.searchsorted(one.time, one.time - window), 0)
     towards = (one.position[later] - one.position[earlier]) * -np.sign(one.apart)
     # A joint that needs more than ten times as long as servos settle in is not on its way.
-    return (np.abs(one.apart) > far) & (towards < np.abs(one.apart) * 2.0 * window / (10.0 * _LONG))
+    return (np.abs(one.apart) > far) & (towards < np.abs(one.apart) * 2.0 * window / (10.0 * LONG))
 
 
 def _runs(mask: Mask, time: Array) -> list[tuple[int, int]]:
     """First and last of the samples of each stretch that lasts long enough."""
-    return [(int(a), int(b) - 1) for a, b in stretches_of(mask) if time[b - 1] - time[a] >= _LONG]
+    return [(int(a), int(b) - 1) for a, b in stretches_of(mask) if time[b - 1] - time[a] >= LONG]
 
 
 def _let_go(one: _Apart, begin: int, end: int, follows: Array) -> bool:

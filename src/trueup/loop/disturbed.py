@@ -19,8 +19,10 @@ from trueup.arrays import Array, Mask
 from trueup.calibration import Replay
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parts_between
+from trueup.inspection.released import LONG, USUAL
 from trueup.inspection.repeats import BASE
 from trueup.loop.problem import Problem
+from trueup.noise import OF_MEDIAN
 from trueup.recording import Recording
 from trueup.samples import stretches_of
 from trueup.trial import command_of
@@ -29,16 +31,10 @@ NAME = "disturbed"
 """By which leaving such stretches out may be refused."""
 _JOINTS = "position"
 """The channel in which it is seen."""
-_USUAL = 6.0
-"""Times how far a joint is usually off (the median), and times its noise: less is nothing that was seen to act."""
-_NOISE = 0.6745
-"""The median size of noise, in units of its standard deviation."""
 _FAR = 5.0
 """Times how far joints are off anywhere else. In logs of real robots on which nothing acted the largest error is up to 2.8
 times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3); a table in the way, or a push of 60 N, are 10 to 100."""
-_LONG = 0.5
-"""s: what comes again within it is one stretch. Half of it before and behind goes too, since a touch begins unseen."""
-_SHORT = 0.1 * _LONG
+_SHORT = 0.1 * LONG
 """s over which speeds of commands are told apart."""
 _LEAST = 1e-3
 """rad, m or N m that a command goes at least: encoders see less than that, and numbers are written with as much."""
@@ -61,7 +57,7 @@ class Seen:
 
     @cached_property
     def asked(self) -> Array:
-        """(T, c, 2) how far each command goes within `_LONG` before an instant, and how much its speed changes there at most
+        """(T, c, 2) how far each command goes within `LONG` before an instant, and how much its speed changes there at most
         (over `_SHORT`): what a model lacks of gears that twist grows with that.
         """
         command = command_of(self.recording)
@@ -73,7 +69,7 @@ class Seen:
         known = self.time - 2.0 * _SHORT >= self.time[0]  # before the log nobody knows
         turns = np.where(known[:, None], np.abs(now - 2.0 * before + long_before), 0.0)
         asked = np.zeros((*now.shape, 2))
-        for b, a in enumerate(np.searchsorted(self.time, self.time - _LONG)):
+        for b, a in enumerate(np.searchsorted(self.time, self.time - LONG)):
             asked[b, :, 0], asked[b, :, 1] = np.ptp(now[a : b + 1], axis=0), turns[a : b + 1].max(axis=0)
         return asked
 
@@ -100,12 +96,12 @@ class _Stretch:
     def gap(self) -> Gap:
         """With what hangs on it before and behind."""
         time = self.seen.time
-        start = max(float(time[0]), float(time[self.first]) - 0.5 * _LONG)
-        return Gap(start, float(time[self.last]) + 0.5 * _LONG - start)
+        start = max(float(time[0]), float(time[self.first]) - 0.5 * LONG)
+        return Gap(start, float(time[self.last]) + 0.5 * LONG - start)
 
     def words(self, rest: float) -> str:
         """When, and how far which joints are off, with `rest` of the others in times of what is usual."""
-        far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > _USUAL]
+        far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > USUAL]
         most = np.nan_to_num(self.seen.off[self.first : self.last + 1]).max(axis=0) * self.seen.unit
         unit = {"rad": "mrad", "m": "mm"}
         units = [unit[self.seen.recording.channel(_JOINTS).unit_of(label)] for label in self.seen.labels]
@@ -219,16 +215,16 @@ def disturbed(every: Sequence[Seen]) -> LeftOut:
 
 def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
     """Where joints are far off and may have been disturbed, and how far they are anywhere else, in times of what is usual."""
-    usual = _by_label(every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), _NOISE))
-    found, rest = list[_Stretch](), _USUAL
+    usual = _by_label(every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), 1.0 / OF_MEDIAN))
+    found, rest = list[_Stretch](), USUAL
     for one in every:
         times = np.nan_to_num(one.off) / np.array([usual[label] for label in one.labels])
-        own = _joined(np.any(times > _USUAL, axis=1), one.time)
+        own = _joined(np.any(times > USUAL, axis=1), one.time)
         lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > _MOST * float(one.time[-1] - one.time[0])
         for first, last in own:
             most = times[first : last + 1].max(axis=0)
             begun = float(one.time[first] - one.time[0])
-            if lasting or begun < 0.5 * _LONG:  # another robot, or one of which it is unsure how its replay begins
+            if lasting or begun < 0.5 * LONG:  # another robot, or one of which it is unsure how its replay begins
                 rest = max(rest, float(most.max()))
             else:
                 found.append(_Stretch(one, first, last, most, float(most.max()) / _unusual(every, one, first, last)))
@@ -236,10 +232,10 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
 
 
 def _joined(far: Mask, time: Array) -> list[tuple[int, int]]:
-    """First and last of the samples of each stretch, those that are less than `_LONG` apart as one."""
+    """First and last of the samples of each stretch, those that are less than `LONG` apart as one."""
     joined: list[tuple[int, int]] = []
     for begin, end in stretches_of(far).tolist():
-        if joined and time[begin] - time[joined[-1][1]] < _LONG:
+        if joined and time[begin] - time[joined[-1][1]] < LONG:
             begin = joined.pop()[0]
         joined.append((begin, end - 1))
     return joined
@@ -247,7 +243,7 @@ def _joined(far: Mask, time: Array) -> list[tuple[int, int]]:
 
 def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
     """How many times as much as anywhere else was asked of some joint in a stretch; at least 1."""
-    until = int(np.searchsorted(seen.time, seen.time[last] + _LONG + 2.0 * _SHORT, side="right"))
+    until = int(np.searchsorted(seen.time, seen.time[last] + LONG + 2.0 * _SHORT, side="right"))
     rest = [one.asked if one is not seen else np.delete(one.asked, np.s_[first:until], axis=0) for one in every]
     ratios = [1.0]
     for way in range(2):
