@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.descent import Fit, descended
-from trueup.loop.fit import REFINEMENT, SHIPPED, Watch, fit
+from trueup.loop.fit import REFINEMENT, SHIPPED, Stage, Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.scans import missed
 from trueup.loop.selection import Choice, choose, kept_notes, proof, shallow, untold
@@ -55,12 +55,12 @@ class Chooser:
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
-            told = {**how, "stages": SHIPPED} if nothing else {**how, "stages": REFINEMENT, "begun": found}
+            told = {**how, "stages": SHIPPED} if nothing else {**how, "stages": _refining(how), "begun": found}
             again = fit(problem, space, space.nominal if nothing else values, watch, **told)
             lower = (loss := _loss(again, first)) < lowest - proof(problem, found)
             if lower and not again.weighed:  # it was no optimum where it was asked; among touches lower is chance
                 lowest = loss
-                told = {**how, "stages": REFINEMENT, "begun": replace(found, starts=again.starts)}
+                told = {**how, "stages": _refining(how), "begun": replace(found, starts=again.starts)}
                 found = _with_notes(fit(problem, found.space, again.values, watch, **told), found)
                 continue
             self._take(late)
@@ -80,7 +80,7 @@ class Chooser:
             again = None
             if values is not None:
                 space = found.space.left_open([p.name for p in held])
-                again = fit(problem, space, values, watch, **{**how, "stages": REFINEMENT}, begun=found)
+                again = fit(problem, space, values, watch, **{**how, "stages": _refining(how)}, begun=found)
             if again is not None and _loss(again, found) < found.loss + proof(problem, found) * len(held):
                 self._take(Choice(tuple(p.name for p in held), kept_notes(held)))
                 found = _with_notes(again, found)
@@ -115,6 +115,11 @@ def _held_at_start(
         if not needed:
             return held, values if look.loss < found.loss + need * len(held) else None
         held = [p for p in held if p not in needed]
+
+
+def _refining(how: Mapping[str, Any]) -> tuple[Stage, ...]:
+    """What refines a fit of a search, which is not told what the search is not."""
+    return tuple(s for s in REFINEMENT if s is REFINEMENT[0] or s in how["stages"])
 
 
 def _with_notes(fit: Fit, before: Fit) -> Fit:
