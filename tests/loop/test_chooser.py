@@ -13,6 +13,7 @@ from trueup.arrays import Array
 from trueup.loop import chooser
 from trueup.loop.chooser import Chooser
 from trueup.loop.descent import Fit, Watch
+from trueup.loop.fit import REFINEMENT
 from trueup.loop.scans import missed
 from trueup.loop.selection import Choice
 from trueup.parameters import Parameter, ParameterSpace
@@ -51,7 +52,7 @@ def test_what_leads_lower_by_its_start_value_is_searched_from_there(
         monkeypatch.setattr(chooser, name, stub)
     problem: Any = SimpleNamespace(chance=lambda residual: 1.0)
     select = Chooser()
-    found = select.ended(problem, _fit(SPACE, 100.0), Watch(), {})
+    found = select.ended(problem, _fit(SPACE, 100.0), Watch(), {"stages": REFINEMENT})
     assert [p.name for p in found.space.parameters if not p.frozen] == ["gain", *kept]
     assert found.loss == (5.0 if kept else held)
     assert list(select.choices[0].freeze) == ([] if kept else ["limit"])
@@ -84,7 +85,7 @@ def test_what_may_stay_at_its_start_value_is_asked_at_once(
         monkeypatch.setattr(chooser, name, stub)
     problem: Any = SimpleNamespace(chance=lambda residual: 1.0)
     select = Chooser()
-    found = select.ended(problem, _fit(space, 100.0), Watch(), {"robust": 3.0})
+    found = select.ended(problem, _fit(space, 100.0), Watch(), {"stages": REFINEMENT, "robust": 3.0})
     assert [p.name for p in found.space.parameters if not p.frozen] == [*kept, "d"]
     assert sorted(select.choices[0].freeze) == sorted(set("abc") - set(kept))
     assert (len(looked), len(searched)) == (looks, fits)
