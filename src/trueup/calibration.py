@@ -131,6 +131,8 @@ class TracePoint:
     """Pooled replay error of the training recordings in the unit of the main channel."""
     seconds: float
     """Wall time since the start, in s."""
+    replayed: float = 0.0
+    """s of motion that a candidate replays; early looks are at less than all, whose errors are not to be compared."""
 
 
 @dataclass(frozen=True)

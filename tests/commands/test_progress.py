@@ -23,3 +23,14 @@ def test_a_search_that_begins_anew_is_numbered() -> None:
             watch(TracePoint(stage, count, 1.0, 0.02, 1.0))
     said = [line.split(":")[0].strip() for line in shown.getvalue().splitlines()]
     assert said == ["first seconds", "all, full step", "search 2, first seconds", "search 2, all, full step"]
+
+
+def test_errors_of_other_stretches_are_not_compared() -> None:
+    """What a look at the first 12 s began at is no measure of what all 40 s come to."""
+    shown = io.StringIO()
+    with Watcher(Console(file=shown), "m", quiet=False) as watch:
+        watch(TracePoint("first seconds", 2, 1.0, 0.02, 1.0, 12.0))
+        watch(TracePoint("all, full step", 9, 1.0, 0.05, 2.0, 40.0))
+    first, then = shown.getvalue().splitlines()
+    assert "20.0 -> 20.0 mm over 12.0 s" in first
+    assert "50.0 -> 50.0 mm over 40.0 s" in then

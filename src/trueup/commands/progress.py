@@ -47,6 +47,7 @@ class Watcher:
     def __init__(self, console: Console, unit: str, *, quiet: bool) -> None:
         self._console, self._unit, self._quiet = console, unit, quiet
         self._first: float | None = None
+        self._replayed = 0.0
         self._stage, self._count, self._done = "", 0, 0.0
         self._searches, self._evaluations = 1, 0
         self._bar = bar(console, quiet=quiet)
@@ -61,8 +62,8 @@ class Watcher:
 
     def __call__(self, point: TracePoint) -> None:
         """One more point of the search."""
-        if self._first is None:
-            self._first = point.rmse
+        if self._first is None or point.replayed != self._replayed:
+            self._first, self._replayed = point.rmse, point.replayed
         if (
             point.evaluations < self._evaluations
         ):  # cars are searched from several places, and shares of them by themselves
@@ -75,6 +76,7 @@ class Watcher:
         self._done = max(self._done, begin + (end - begin) * (1.0 - math.exp(-self._count / 4.0)))
         scale = scale_for(self._unit, [self._first, point.rmse])
         said = f"replay error {scale.text(self._first)} -> {scale.text(point.rmse)} {scale.unit}".rstrip()
+        said += f" over {duration_text(point.replayed)}" if point.replayed else ""
         said += f", {point.evaluations} simulations"
         stage = f"search {self._searches}, {point.stage}" if self._searches > 1 else point.stage
         if not self._bar.disable:

@@ -85,7 +85,8 @@ class Watch:
 
     def saw(self, stage: str, problem: Problem, loss: float, rmse: float) -> None:
         """One more point of the search trace."""
-        point = TracePoint(stage, problem.evaluations, float(loss), float(rmse), time.perf_counter() - self.began)
+        passed = time.perf_counter() - self.began
+        point = TracePoint(stage, problem.evaluations, float(loss), float(rmse), passed, problem.duration)
         self.trace.append(point)
         if self.progress is not None:
             self.progress(point)
