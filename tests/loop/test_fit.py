@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.loop.descent import Descent, Look, Watch, explained, last_look
-from trueup.loop.fit import DESCENT, SEARCHES, fit
+from trueup.loop.fit import DESCENT, SEARCHES, coarsest, fit
 from trueup.loop.problem import Problem
 from trueup.loop.profiles import _held
 from trueup.loop.selection import choose
@@ -176,3 +176,15 @@ def test_a_saved_stage_that_is_no_more_goes_on_at_the_full_step(formula: Make) -
     assert seen[0] == "all, full step"
     assert "all, coarse step" not in seen
     np.testing.assert_allclose(again.values, whole.values, rtol=1e-3)
+
+
+def test_a_coarser_step_is_faithful_where_the_search_begins(formula: Make) -> None:
+    """Beside a start on a bound, from which a nudge leads far astray, the same error of a coarser step would not show."""
+    truth = np.array([2.0, 0.1])
+
+    def lagging(time: Array, values: Array, step: float) -> Array:
+        return values[0] * np.sin(2.0 * (time + step - 0.01)) + 10.0 * values[1] * np.cos(9.0 * time)
+
+    problem = problem_of(formula(lagging, SPACE), truth)
+    assert coarsest(problem, SPACE, SPACE.to_unit(np.array([4.0, 0.1]))).simulator.step > 0.01
+    assert coarsest(problem, SPACE, SPACE.to_unit(truth)).simulator.step == 0.01

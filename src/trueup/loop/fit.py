@@ -193,16 +193,18 @@ def _first(coarse: Problem) -> Problem:
 
 
 def coarsest(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None = None) -> Problem:
-    """The problem at the coarsest step that tells nearly the same residuals at the start, approximated where that does; as an
-    earlier fit has had it.
+    """The problem at the coarsest step that tells nearly the same residuals at the start, and where a search begins that is
+    nudged off its bounds, approximated where that does; as an earlier fit has had it.
     """
     if begun is not None and begun.near is not None:
         return begun.near.with_starts(problem.trials, ())
-    values = space.from_unit(np.clip(point, 0.05, 0.95))
-    fine = problem.start_residual(values)
+    places = space.from_unit(np.stack([np.clip(point, 0.0, 1.0), np.clip(point, 0.05, 0.95)]))
+    fine = [problem.start_residual(values) for values in places]
     for factor in _COARSE:
         cheap = problem.at_step(problem.simulator.step * factor)
-        rough = cheap.residuals(values[None])[0]
-        if np.isfinite(rough).all() and np.linalg.norm(rough - fine) <= FAITHFUL * np.linalg.norm(fine):
-            return cheap.approximated(values, fine)
-    return problem.approximated(values, fine)
+        rough = cheap.residuals(places)
+        if np.isfinite(rough).all() and all(
+            np.linalg.norm(own - real) <= FAITHFUL * np.linalg.norm(real) for own, real in zip(rough, fine, strict=True)
+        ):
+            return cheap.approximated(places[1], fine[1])
+    return problem.approximated(places[1], fine[1])

@@ -8,7 +8,6 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.alike import alike
 from trueup.loop.elsewhere import losses_at
-from trueup.loop.fit import coarsest
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST
 from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, floating, in_windows, smooth_length, window_length
@@ -44,10 +43,11 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
 
     Windows of several lengths are searched, kind by kind, and judged by what whole replays make of where they lead: what
     contacts make of parameters grows rougher the longer it lasts, and shorter replays tell less (A. H. Ribeiro et al., On
-    the smoothness of nonlinear system identification, Automatica 121, 2020).
+    the smoothness of nonlinear system identification, Automatica 121, 2020). All at the model's own step: how stiff a contact
+    is hangs on it, and a coarser one that tells the same of a poor start leads elsewhere.
     """
     start = np.clip(space.to_unit(values), 0.0, 1.0)
-    looked = coarsest(problem.shortened(WORTH / len(problem.trials)), space, start)
+    looked = problem.shortened(WORTH / len(problem.trials))
     longest = max(t.duration for t in looked.trials)
     lengths = [np.inf]
     while longest / _PARTS > 2.0 * SHORTEST:
