@@ -80,6 +80,11 @@ def together(first: Evidence, parts: int, second: Evidence, more: int) -> Eviden
     return Evidence(float(gain), float(error))
 
 
+def without_each(parts: Array) -> Array:
+    """(K, ...) sums of all parts (K, ...) but one each: what a fit sees that leaves the parts out in turn."""
+    return parts.sum(axis=0) - parts
+
+
 def jackknife(each: Array) -> Array:
     """(...) standard deviations of estimates, from those (K, ...) made without one block of data each.
 

@@ -25,6 +25,7 @@ from trueup.commands.sources import add_engine, add_refuse, add_shared, given, r
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.formats.replayed import KINDS, write_replays
+from trueup.instant import usual_step
 from trueup.recording import Recording, is_command
 from trueup.report import replay_picture
 from trueup.report.numbers import ratio_text, scale_for
@@ -114,10 +115,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 def _commanded(recordings: Sequence[Recording], between: str, step: float) -> tuple[list[Recording], list[str]]:
     """Recordings with their commands interpolated at each `step` in s where that is asked for, and what is done between."""
     if between == "held":
-        period = [
-            np.median(np.diff(c.time)) for r in recordings if (c := command_of(r)) is not None and len(c.time) > 1
-        ]
-        slow = [p for p in period if p > 1.5 * step]
+        commands = (c for c in map(command_of, recordings) if c is not None and len(c.time) > 1)
+        slow = [period for c in commands if (period := usual_step(c.time)) > 1.5 * step]
         if not slow:
             return list(recordings), []
         words = f"commands are held for the {1e3 * max(slow):.3g} ms between their samples"

@@ -29,6 +29,13 @@ def from_com(mass: float, com: Array, inertia: Array) -> Array:
     return np.concatenate([[mass], mass * c, about_origin[_ROWS, _COLUMNS]])
 
 
+def about_com(inertial: Array) -> tuple[float, Array, Array]:
+    """Mass, centre of mass (3,) and inertia (3, 3) about it of parameters (10,); the inverse of `from_com`."""
+    mass = float(inertial[0])
+    com = inertial[1:4] / mass
+    return mass, com, tensor(inertial) - mass * (com @ com * np.eye(3) - np.outer(com, com))
+
+
 def tensor(inertial: Array) -> Array:
     """(..., 3, 3) inertia about the frame's origin of parameters (..., 10)."""
     full = np.empty((*inertial.shape[:-1], 3, 3))

@@ -13,7 +13,7 @@ from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.formats.aside import write_aside
 from trueup.identification.estimation.file_fit import FileFit
-from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inertia, tensor
+from trueup.identification.inertial import NAMES, about_com, from_com, moved, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import KinematicTree, of_angles
 from trueup.identification.model_file import load_tree
 from trueup.identification.urdf import GEAR, ROTOR, is_urdf
@@ -131,7 +131,7 @@ def _write_mjcf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> 
         file = from_com(float(compiled.body_mass[at]), np.array(compiled.body_ipos[at]), body_inertia(compiled, at))
         here = moved(np.stack([fit.inertial[j], np.nan_to_num(tree.inertial[j])]), np.eye(3), anchor)
         own, share = _without(here[0], here[1] - file)
-        bodies[name] = Body(*_about_com(own))
+        bodies[name] = Body(*about_com(own))
         if share < 1.0:
             hanging = _hanging(compiled, at, {model.index("body", link) for link in tree.links})
             for b in hanging:
@@ -179,12 +179,6 @@ def _without(total: Array, attached: Array) -> tuple[Array, float]:
     return total - share * attached, share
 
 
-def _about_com(inertial: Array) -> tuple[float, Array, Array]:
-    mass = float(inertial[0])
-    com = inertial[1:4] / mass
-    return mass, com, tensor(inertial) - mass * (com @ com * np.eye(3) - np.outer(com, com))
-
-
 def _own(link: Element) -> Array:
     """(10,) what a link's own <inertial> says, in the link's frame; zero without one."""
     element = link.child("inertial")
@@ -201,7 +195,7 @@ def _own(link: Element) -> Array:
 
 
 def _set_inertial(text: XmlText, link: Element, inertial: Array) -> None:
-    mass, com, inertia = _about_com(inertial)
+    mass, com, inertia = about_com(inertial)
     moments = from_com(0.0, np.zeros(3), inertia)[-len(_TENSOR) :]
     values = {key: f"{value:.9g}" for key, value in zip(_TENSOR, moments, strict=True)}
     xyz = " ".join(f"{c:.9g}" for c in com)

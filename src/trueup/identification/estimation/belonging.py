@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import listed
-from trueup.evidence import half_interval, jackknife
+from trueup.evidence import half_interval, jackknife, without_each
 from trueup.identification.estimation.blocks import numbered
 from trueup.identification.estimation.diagnosis import POOR, Suspicion
 from trueup.identification.estimation.moments import Moments, moments_of, solve
@@ -57,8 +57,7 @@ class _Blocks:
         """
         some = moments.take(np.flatnonzero(among))
         gram, cross = some.weighted(1.0 / self.power)
-        left = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross
-        x = solve(*left, np.zeros(cross.shape[1]))
+        x = solve(without_each(gram), without_each(cross), np.zeros(cross.shape[1]))
         return np.asarray((some.errors(x) / self.power).mean(axis=1)), x
 
     def relative(self, errors: Array, among: Mask) -> float:

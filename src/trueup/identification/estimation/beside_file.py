@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import ModelError, listed
-from trueup.evidence import STANDARD_ERRORS, jackknife
+from trueup.evidence import STANDARD_ERRORS, jackknife, without_each
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.filtering import slow_cutoff
 from trueup.identification.estimation.motion import Log
@@ -138,7 +138,7 @@ def _multiples(columns: Array, torque: Array) -> tuple[Array, Array]:
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), TINY)
     parts = list(zip(np.array_split(columns / scale, TIME_BLOCKS), np.array_split(torque, TIME_BLOCKS), strict=True))
     gram, cross = np.array([x.T @ x for x, _ in parts]), np.array([x.T @ y for x, y in parts])
-    whole, less = (gram.sum(axis=0), cross.sum(axis=0)), (gram.sum(axis=0) - gram, cross.sum(axis=0) - cross)
+    whole, less = (gram.sum(axis=0), cross.sum(axis=0)), (without_each(gram), without_each(cross))
 
     def solved(left: Array, right: Array) -> Array:
         return (np.linalg.pinv(left, rcond=1e-10, hermitian=True) @ right[..., None])[..., 0] / scale

@@ -51,7 +51,7 @@ def cross_validated_fit(
     if not lag:
         return best
     lags = model.columns_of("lag")
-    drives = [model.effects[int(k) - 10 * model.tree.n][0] for k in lags]
+    drives = [model.effect(int(k))[0] for k in lags]
     below = np.array([fit.parameters[lags] for fit in folds.bodies(best.pull, tuple(drives), best.fit).folds])
     clear = below.mean(axis=0) < -STANDARD_ERRORS * jackknife(below)
     if not clear.any():

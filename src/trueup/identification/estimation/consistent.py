@@ -12,7 +12,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.moments import Normal
-from trueup.identification.inertial import NAMES, from_pseudo_inertia, pseudo_inertia
+from trueup.identification.inertial import NAMES, about_com, from_pseudo_inertia, pseudo_inertia
 from trueup.rounding import NEGLIGIBLE, PRINTED, ROUNDED
 
 _MARGIN = 1e-4
@@ -64,7 +64,7 @@ def consistent_fit(
     bodies = np.concatenate([np.arange(10 * n), more])
     rest = np.setdiff1d(active, bodies)
     problem = _Squares.of(normal, bodies, rest)
-    drives = [model.effects[int(k) - 10 * n][0] for k in rotors]
+    drives = [model.effect(int(k))[0] for k in rotors]
     held = np.ones(len(more), dtype=bool)
     held[: len(rotors)] = [d not in lagging for d in drives]
     barrier = _Barrier.of(model, prior, held, more)
@@ -80,7 +80,7 @@ def consistent_fit(
     parameters = np.zeros(model.p)
     parameters[bodies], parameters[rest] = x, problem.back @ np.append(x, 1.0)
     for k in (int(k) for k in model.columns_of("lag")):
-        drive = model.effects[k - 10 * n][0]
+        drive = model.effect(k)[0]
         if drive in lagging:
             own = int(rotors[drives.index(drive)])
             parameters[k], parameters[own] = min(parameters[own], 0.0), max(parameters[own], 0.0)
@@ -110,9 +110,9 @@ def _followed(problem: _Squares, barrier: _Barrier, start: Array, weight: float,
 def _joined(model: DynamicModel, parameters: Array) -> Array:
     """Parameters with what falls with acceleration counted as rotors again."""
     joined = parameters.copy()
-    rotors = {model.effects[int(k) - 10 * model.tree.n][0]: int(k) for k in model.columns_of("rotor")}
+    rotors = {model.effect(int(k))[0]: int(k) for k in model.columns_of("rotor")}
     for k in (int(k) for k in model.columns_of("lag")):
-        joined[rotors[model.effects[k - 10 * model.tree.n][0]]] += parameters[k]
+        joined[rotors[model.effect(k)[0]]] += parameters[k]
     return joined
 
 
@@ -174,7 +174,7 @@ class _Barrier:
         natural = units[:, :, None] * units[:, None, :]
         size, axes = np.linalg.eigh(pseudo_inertia(prior[: 10 * n].reshape(n, 10)) / natural)
         file = (axes * np.maximum(size, _THIN)[:, None]) @ axes.transpose(0, 2, 1) * natural
-        usual = _ROTOR * (mass * reach**2)[[model.effects[int(k) - 10 * n][0] for k in rotors]]
+        usual = _ROTOR * (mass * reach**2)[[model.effect(int(k))[0] for k in rotors]]
         usual = np.where(prior[rotors] > 0.0, prior[rotors], usual)
         slope = np.einsum("jab,iba->ji", np.linalg.inv(file), _BASIS).ravel()
         none = np.zeros(10 * n)
@@ -265,9 +265,7 @@ def violation(row: Array) -> str:
         return ""
     if mass <= 0.0:
         return f"mass {mass:.3g} kg"
-    com = row[1:4] / mass
-    moments = sigma[:3, :3] - mass * np.outer(com, com)
-    principal = np.sort(np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments))
+    principal = np.linalg.eigvalsh(about_com(row)[2])
     if principal[0] < 0.0:
         return f"moment of inertia {principal[0]:.3g} kg m^2 about its centre of mass"
     return f"moments of inertia {', '.join(f'{m:.3g}' for m in principal)} kg m^2 break the triangle inequality"

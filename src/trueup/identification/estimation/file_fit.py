@@ -74,20 +74,12 @@ def _at_joints(
     Nearest in motion in which joints turn independently, each as fast as in the logs `speed` (S, n): in one log joints may
     turn together, which another does not.
     """
+    from scipy.optimize import nnls  # half a second to load, and rarely needed
+
     squares = drives.T**2
     turned = np.stack([np.roll(v, j * len(v) // len(drives)) for j, v in enumerate(speed.T)], axis=1)
     turned = turned[:: max(1, len(turned) // 2000)]
     through = turned @ drives.T
     torque = (coulomb * np.sign(through) + viscous * through) @ drives
-    pairs = [_nonnegative(np.column_stack([np.sign(v), v]), t) for v, t in zip(turned.T, torque.T, strict=True)]
+    pairs = [nnls(np.column_stack([np.sign(v), v]), t)[0] for v, t in zip(turned.T, torque.T, strict=True)]
     return squares @ rotors, np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
-
-
-def _nonnegative(columns: Array, target: Array) -> Array:
-    """(2,) the best coefficients that are not negative: the free ones, else the best of one column alone."""
-    both = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
-    if both.min() >= 0.0:
-        return both
-    alone = np.maximum(columns.T @ target / np.maximum(np.sum(columns**2, axis=0), TINY), 0.0)
-    trials = np.diag(alone)
-    return trials[int(np.argmin([np.sum((target - columns @ x) ** 2) for x in trials]))]

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import IdentificationError, listed
+from trueup.instant import usual_step
 from trueup.recording import Channel
 
 _GAP, _GAP_STEPS = 0.02, 5.0
@@ -21,7 +22,7 @@ Gaps = tuple[tuple[float, float], ...]
 
 def gaps(*clocks: Array) -> Gaps:
     """Stretches of more than 20 ms and five usual steps without a sample."""
-    return tuple(sorted({gap for time in clocks for gap in _between(time, float(np.median(np.diff(time))))}))
+    return tuple(sorted({gap for time in clocks for gap in _between(time, usual_step(time))}))
 
 
 def bridged(channel: Channel, recording: str) -> tuple[Channel, Gaps, list[str]]:
@@ -30,7 +31,7 @@ def bridged(channel: Channel, recording: str) -> tuple[Channel, Gaps, list[str]]
 
     Raises IdentificationError for a joint that lacks values in half of the log.
     """
-    values, step = np.array(channel.values), float(np.median(np.diff(channel.time)))
+    values, step = np.array(channel.values), usual_step(channel.time)
     lost: dict[tuple[float, float], list[str]] = {}
     for k, label in enumerate(channel.labels):
         known = np.isfinite(values[:, k])

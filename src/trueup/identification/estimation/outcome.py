@@ -27,7 +27,7 @@ from trueup.identification.estimation.result import (
 )
 from trueup.identification.estimation.selection import Choice
 from trueup.identification.estimation.verdicts import advice, parameters_of
-from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.inertial import about_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import link_poses
 from trueup.identification.torque_model import TorqueModel
@@ -122,13 +122,10 @@ def _links(
     impossible, made = violations(model, nearest), []
     for j, name in enumerate(model.tree.links):
         row = written.inertial[j]
-        mass, sigma = float(row[0]), pseudo_inertia(row)
-        com = row[1:4] / mass
-        moments = sigma[:3, :3] - mass * np.outer(com, com)
-        principal = np.sort(np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments))
+        mass, com, inertia = about_com(row)
         said = impossible.get(j, "") if j in written.boundary else ""
         x, y, z = (float(c) for c in com)
-        small, middle, large = (float(m) for m in principal)
+        small, middle, large = (float(m) for m in np.linalg.eigvalsh(inertia))
         made.append(Link(name, mass, (x, y, z), (small, middle, large), j in written.boundary, said))
     return tuple(made)
 
@@ -136,9 +133,9 @@ def _links(
 def _structure(model: DynamicModel, active: Integers) -> tuple[tuple[str, ...], ...]:
     """For each drive its effects in words, without repeating one kind."""
     said: list[list[str]] = [[] for _ in model.tree.joints]
-    for k in active[active >= 10 * model.tree.n]:
-        d, effect = model.effects[int(k) - 10 * model.tree.n]
-        said[d].append(effect.short)
+    for d, effect in (model.effect(int(k)) for k in active):
+        if effect is not None:
+            said[d].append(effect.short)
     return tuple(tuple(dict.fromkeys(each)) for each in said)
 
 

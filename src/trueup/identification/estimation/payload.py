@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
-from trueup.evidence import half_interval, jackknife
+from trueup.evidence import half_interval, jackknife, without_each
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
@@ -88,7 +88,7 @@ def drive_gains(
         found[active] = solve(normal.sum(axis=0), right_side.sum(axis=0), np.zeros(len(active))) / scale
         errors = np.concatenate([r.torque - r.predict(found) for r in rows])
         variance = np.maximum(np.mean(errors**2, axis=0), TINY)
-    without = solve(normal.sum(axis=0) - normal, right_side.sum(axis=0) - right_side, np.zeros(len(active))) / scale
+    without = solve(without_each(normal), without_each(right_side), np.zeros(len(active))) / scale
     gains, deviations = found[p : p + n], jackknife(without[:, len(act) : len(act) + n])
     _check_gains(gains)
     carried = known.copy()
@@ -137,7 +137,7 @@ def _expected(blocks: Sequence[Rows], motion: Integers, p: int) -> list[Rows]:
         size = np.sqrt(np.maximum(sum(np.sum(x**2, axis=1) for x in told), TINY))
         gram = np.array([x @ x.T for x in told]) / size[:, None] / size
         cross = np.array([x @ r.values[j][at] for x, r in zip(told, blocks, strict=True)]) / size
-        weights = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, np.zeros(len(size))) / size
+        weights = solve(without_each(gram), without_each(cross), np.zeros(len(size))) / size
         for v, x, w in zip(made, told, weights, strict=True):
             v[j][at] = w @ x
     return [replace(r, values=tuple(v)) for r, v in zip(blocks, made, strict=True)]

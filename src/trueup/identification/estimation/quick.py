@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
-from trueup.evidence import FEWEST_PARTS
+from trueup.evidence import FEWEST_PARTS, without_each
 from trueup.identification.estimation.belonging import strangers
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.diagnosis import (
@@ -153,7 +153,7 @@ def foretelling_fit(
         power = np.maximum(moments.square.sum(axis=0), TINY)
         gram, cross = moments.weighted(1.0 / power)
         if count > 1:
-            gram, cross = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross
+            gram, cross = without_each(gram), without_each(cross)
         x = np.zeros((len(gram), model.p))
         x[:, active] = solve(gram[:, active[:, None], active], cross[:, active], np.zeros(len(active)))
         return np.asarray((moments.errors(x) / power).mean(axis=1))

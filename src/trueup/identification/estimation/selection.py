@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.evidence import Evidence, evidence
+from trueup.evidence import Evidence, evidence, without_each
 from trueup.identification.estimation.moments import RIDGE, Moments, solve, weighted_fit
 from trueup.rounding import TINY
 
@@ -78,7 +78,7 @@ def cross_validated(moments: Moments, prior: Array, *choices: Choice) -> list[Ch
     wide = np.flatnonzero(np.any([c.active for c in choices], axis=0))
     part, made, act = moments.only(wide), list[Choice](), np.arange(len(wide))
     gram, cross = part.weighted(choices[0].weights)
-    gram, cross = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross  # of the blocks that a fit saw
+    gram, cross = without_each(gram), without_each(cross)
     small, normal, right = part, gram, cross
     for choice in choices:
         own = np.flatnonzero(choice.active[wide])
@@ -130,7 +130,7 @@ def errors_beside(moments: Moments, prior: Array, choice: Choice, columns: Integ
     """
     at = np.flatnonzero(choice.active)
     gram, cross = moments.weighted(choice.weights)
-    normal, right = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross  # of the blocks that a fit saw
+    normal, right = without_each(gram), without_each(cross)
     diagonal = np.einsum("kpp->kp", normal)
     ridge = diagonal[:, at].mean(axis=1)[:, None] * moments.ridge(choice.strength)
     diagonal += ridge

@@ -31,6 +31,7 @@ from trueup.engines.mujoco.lone.loads import (
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id, rest
 from trueup.evidence import STANDARD_ERRORS
+from trueup.instant import usual_step
 from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.trial import command_of
@@ -154,7 +155,7 @@ def _known(model: Model, recording: Recording) -> Iterator[KnownTorque]:
     unseen = [j for j in joints if j not in measured.labels]
     if any(j in model.actuator_of_joint() for j in unseen):
         return
-    if len(measured.time) < 2 or 2 * np.median(np.diff(measured.time)) * len(measured.time) < np.ptp(measured.time):
+    if len(measured.time) < 2 or 2 * usual_step(measured.time) * len(measured.time) < np.ptp(measured.time):
         return
     driven = compiled.jnt_dofadr[compiled.actuator_trnid[:, 0]]
     known = ~np.isin(np.arange(compiled.nv), driven)
