@@ -19,6 +19,9 @@ models within one; two, because several structures are asked about in turn. Ever
 servo's may also hold by one, where no recording speaks against it (`actuators/choose.py`)."""
 EXPLAINED = 2.0
 """Noise units of errors' root mean square: below, a model has the structure of the robot."""
+HALVED = 0.5
+"""Of an error: what may be left of it where something is said to be wrong, or another, and that is mended in a trial. Chance,
+noise and models of a slightly other form do not halve what they did not cause."""
 
 _LARGE = 2.0
 """Times: larger changes read better as factors than in percent."""
@@ -37,6 +40,11 @@ class Evidence:
     def holds(self) -> bool:
         """Whether the structure stays."""
         return self.gain > STANDARD_ERRORS * self.standard_error
+
+    @property
+    def halves(self) -> bool:
+        """Whether it holds, and left-out errors are half as large: enough to say so unasked."""
+        return self.holds and self.gain > -np.log(HALVED)
 
     def in_words(self) -> str:
         """What becomes of left-out errors with the structure: "lower by 18 % (standard error 5 %)", or by a factor of 13."""

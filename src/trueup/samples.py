@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples of a signal: what is in force where some are missing, values in between, angles without jumps, unit quaternions."""
+"""Samples of a signal: their size, what is in force where some are missing, values in between, angles without jumps."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ from trueup.arrays import Array, Integers, Mask
 
 _UNIT_NORM = 0.1
 """How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
+
+
+def rms(values: Array, axis: int | tuple[int, ...] | None = 0) -> Array:
+    """Root mean square of values (T, ...) along their first axis, or others; of all of them where it is None."""
+    return np.sqrt(np.mean(values**2, axis=axis))
 
 
 def in_force(values: Array) -> Array:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from trueup.evidence import HALVED
 from trueup.recording import Recording, is_command
 
-_DOUBT = 0.25  # of the squared distance to the second nearest joint
 _BY_NAME = "by name"
 _NUMBER = re.compile(r"\d+$")
 _FILLING = re.compile(r"(?i)joint|motor|servo|link|actuator|position|pos")
@@ -120,7 +120,7 @@ def _followed(recordings: Sequence[Recording], told: Sequence[str]) -> dict[str,
         apart += np.nanmean((wanted[:, :, None] - position.values[:, None, :]) ** 2, axis=0)
     nearest = apart.argmin(axis=1)
     second = np.partition(np.column_stack([apart, np.full(len(told), np.inf)]), 1, axis=1)[:, 1]
-    sure = len(set(nearest.tolist())) == len(told) and bool(np.all(apart.min(axis=1) < _DOUBT * second))
+    sure = len(set(nearest.tolist())) == len(told) and bool(np.all(apart.min(axis=1) < HALVED**2 * second))
     return {label: measured[k] for label, k in zip(told, nearest, strict=True)} if sure else {}
 
 

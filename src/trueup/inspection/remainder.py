@@ -21,8 +21,6 @@ EVERY = 0.25
 """In s between predictions."""
 STRETCH = 10.0
 """In s: what is left out together, several times as long as a prediction."""
-HALF = float(np.log(2.0))
-"""Gain from which on a structure is worth being told of: left-out errors half as large."""
 SIDES = ("position along the vehicle", "position across the vehicle", "heading")
 
 
@@ -48,7 +46,7 @@ def unlike(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
     if not each:
         return ()
     shown = zip(SIDES, foretold(each, horizon), _beyond_noise(each), strict=True)
-    clear = [(side, e) for side, e, beyond in shown if beyond and e.holds and e.gain > HALF]
+    clear = [(side, e) for side, e, beyond in shown if beyond and e.halves]
     if not clear:
         return ()
     side, most = max(clear, key=lambda found: found[1].gain)

@@ -11,15 +11,14 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
+from trueup.evidence import HALVED
 from trueup.recording import Recording
+from trueup.trial import LOOK
 
-_RATE = 50.0  # Hz: a foot is on the floor for several samples
-_AHEAD = 10  # samples, 0.2 s: a step, beside which noise is small
+_AHEAD = 10  # looks, 0.2 s: a step, beside which noise is small
 _POSES = 1500  # of all recordings, a fraction of a second for each way that they are looked at
 _SLIPS = 0.2
 """Of how far the base went: less makes nobody wrong, and is not looked into."""
-_HALF = 0.5
-"""Of the squared error as recorded, in the recording that it is worst in: of made-up robots that slip, 0.72 by chance."""
 _SAID = 2  # ways, the best: what one leg shows tells seldom whether others were mixed up, too
 
 
@@ -61,7 +60,7 @@ def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ..
     worst, better = int(np.argmax(errors / (went + errors))), {}
     for words, (order, signs) in _ways(legs).items():
         looked, _ = _stepped(legs, [walks[worst]], order, signs)
-        if looked[0] ** 2 > _HALF * errors[worst] ** 2:
+        if looked[0] ** 2 > HALVED * errors[worst] ** 2:  # of made-up robots that slip, 0.72 by chance
             continue
         found, feet = _stepped(legs, walks, order, signs)
         # A leg that is in the air all along shows nothing, and hides what was wrong with it.
@@ -72,7 +71,7 @@ def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ..
     best = sorted(better, key=lambda words: _size(better[words]))[:_SAID]
     ways = ", or by ".join(f"{1e3 * _size(better[words]):.1f} mm if {words}" for words in best)
     return (
-        f"by joints and base the feet slide: within {_AHEAD / _RATE:g} s the base goes elsewhere than feet that stand still "
+        f"by joints and base the feet slide: within {_AHEAD * LOOK:g} s the base goes elsewhere than feet that stand still "
         f"would take it by {1e3 * _size(errors):.1f} mm, and by {ways}: were they mixed up in the log? Mend the mapping, or "
         "the model",
     )
@@ -88,7 +87,7 @@ def _walks(names: Sequence[str], recordings: Sequence[Recording]) -> list[_Walk]
         whole = set(names) <= set(joints.labels) and set(AXES) <= set(place.labels) and turn.labels == ANGLES
         if not whole:
             continue
-        time = np.arange(recording.start, recording.stop, 1.0 / _RATE)[:left]
+        time = np.arange(recording.start, recording.stop, LOOK)[:left]
         poses, places = joints.select(names).at(time), place.select(AXES).at(time)
         turns = turn.at(time)
         good: Mask = np.asarray(np.isfinite(np.hstack([poses, places, turns])).all(axis=1))

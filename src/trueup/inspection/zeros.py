@@ -11,13 +11,12 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import STANDARD_ERRORS
 from trueup.inspection.diagnosis import Diagnosis
+from trueup.inspection.relations import CORRELATED
 from trueup.recording import Recording
 from trueup.trial import command_of
 
 _HELD = 0.5  # s that a command stays as it is, of which the second half is looked at: servos settle faster
-
 _FAR = 0.2  # rad or m: as far as the zero of a servo is searched
-_FOLLOWS = 0.9  # correlation of a joint with its command, below which something holds it
 _ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
 
 
@@ -53,7 +52,7 @@ def _all_along(recording: Recording, joint: str) -> float:
     if len(told) < 3 or np.ptp(told) == 0.0 or np.ptp(position) == 0.0:
         return 0.0
     apart = float(np.median(position - told))
-    follows = float(np.corrcoef(position, told)[0, 1]) > _FOLLOWS
+    follows = float(np.corrcoef(position, told)[0, 1]) > CORRELATED  # or something holds it
     return apart if follows and abs(apart) > _ALL_ALONG * float(np.std(position - told)) else 0.0
 
 

@@ -22,9 +22,6 @@ from trueup.loop.uncertainty import PRIOR
 
 _STRETCHES = 4 * FEWEST_PARTS
 """A recording is cut into, of which each part has enough (`FEWEST_PARTS`)."""
-_HALF = float(np.log(2.0))
-"""Least gain: errors half as large. Where a model has friction of another form, parts with other motion are replayed
-better by other values too, by less than that."""
 _OWES = 2.0
 """Joints are named that gain no less than this part of what the first of them does."""
 
@@ -75,7 +72,8 @@ def _change(problem: Problem, found: Fit, recording: int) -> str:
     root = np.sqrt(found.weights[rows])
     slopes, errors = found.jacobian[rows] * root[:, None], found.residual[rows] * root
     shown, cut, squares = _best_cut(slopes, errors, which)
-    if not (shown.holds and shown.gain > _HALF):
+    # Where a model has friction of another form, parts with other motion are replayed better by other values too, by less.
+    if not shown.halves:
         return ""
     labels, numbers = labelled(problem.segments)
     names = _named(squares, cut, slopes, errors, which, labels, numbers[rows])

@@ -18,7 +18,7 @@ from trueup.arrays import Array
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
-from trueup.evidence import Evidence
+from trueup.evidence import HALVED, Evidence
 from trueup.loop.descent import Fit, Watch, explained
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
@@ -31,8 +31,6 @@ from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
-
-_ASTRAY = 0.25  # share of the loss of where a fit began: errors half as large
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +118,7 @@ def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequen
     """
     first = np.where(found.space.free, found.space.nominal, found.values)
     least = robust_losses(problem.residuals(first[None]), found.bend)[0]  # by a bend of its own it is no lower
-    if not found.loss > _ASTRAY * least:
+    if not found.loss > HALVED**2 * least:
         return [(found, REFINEMENT)]
     try:
         begun = fit(problem, found.space, first, Watch(), stages=SHIPPED)
@@ -129,7 +127,7 @@ def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequen
         CalibrationError,
     ):  # nominal values beside what was set since
         return [(found, REFINEMENT)]
-    return [(found, REFINEMENT), *([(begun, DESCENT)] if found.loss > _ASTRAY * begun.loss else [])]
+    return [(found, REFINEMENT), *([(begun, DESCENT)] if found.loss > HALVED**2 * begun.loss else [])]
 
 
 def _tried(

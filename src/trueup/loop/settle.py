@@ -11,9 +11,8 @@ from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import TrialError
 from trueup.recording import Channel
-from trueup.trial import Observed, Trial
+from trueup.trial import LOOK, Observed, Trial
 
-_RATE = 50.0  # Hz
 _FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown out of something
 
 
@@ -28,7 +27,7 @@ def settled(
     Raises TrialError where the pose penetrates something at all of them, or does not come to rest.
     """
     together = 4  # heights tried at once: an engine may take its time for each
-    time = np.arange(round(seconds * _RATE) + 1) / _RATE
+    time = np.linspace(0.0, seconds, round(seconds / LOOK) + 1)
     restless, broken = list[TrialError](), list[str]()
     for first in range(0, len(heights), together):
         some = sorted(heights)[first : first + together]
@@ -82,7 +81,7 @@ def _at_rest(rollout: Rollout, name: str) -> Mapping[str, Channel]:
         values = rollout.channels[channel][0]
         if o.unit == "rad":  # a robot on its head rests where one angle may be told as another
             values = np.unwrap(values, axis=0)
-        moving = np.abs(values[-1] - values[-round(0.1 * _RATE)]) / 0.1
+        moving = np.abs(values[-1] - values[-round(0.1 / LOOK)]) / 0.1
         if moving.max() > 0.1:
             worst = int(moving.argmax())
             raise TrialError(

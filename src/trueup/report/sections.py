@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Calibration, CrossValidation, Estimate
+from trueup.inspection.relations import CORRELATED
 from trueup.report.figures import correlations
 from trueup.report.headline import headline
 from trueup.report.joints import joints
@@ -31,9 +32,6 @@ from trueup.report.parts import (
     table,
 )
 from trueup.report.summary import Score
-
-STRONG = 0.9
-"""Pairs of estimates that correlate more are listed."""
 
 
 def sections(calibration: Calibration, context: Mapping[str, str]) -> tuple[Section, ...]:
@@ -89,21 +87,21 @@ def _correlated(calibration: Calibration) -> list[Markup]:
     pairs = _strong_pairs(matrix, names)
     parts = []
     if pairs:
-        text = f"These pairs correlate by more than {STRONG}: the recordings tell a combination, not each alone."
+        text = f"These pairs correlate by more than {CORRELATED}: the recordings tell a combination, not each alone."
         rows = [tag("tr", cells(a, b, kind="parameter"), cells(fixed(r, 3))) for a, b, r in pairs[:LISTED]]
         titles = head("Parameter", "with", "Correlation", numbers=(2,))
         parts += [tag("p", text), table(titles, rows, "pairs")]
         if len(pairs) > LISTED:
             parts.append(caption(f"and {len(pairs) - LISTED} more pairs"))
     else:
-        parts.append(tag("p", f"No two estimates correlate by more than {STRONG}."))
+        parts.append(tag("p", f"No two estimates correlate by more than {CORRELATED}."))
     text = "Correlation of the fitted parameters' estimates. White: independent."
     return [*parts, drawn_later("correlation"), caption(text)]
 
 
 def _strong_pairs(matrix: Array, names: list[str]) -> list[tuple[str, str, float]]:
     upper = np.triu(np.nan_to_num(matrix), k=1)
-    rows, columns = np.nonzero(np.abs(upper) > STRONG)
+    rows, columns = np.nonzero(np.abs(upper) > CORRELATED)
     found = [(names[i], names[j], float(upper[i, j])) for i, j in zip(rows, columns, strict=True)]
     return sorted(found, key=lambda pair: -abs(pair[2]))
 

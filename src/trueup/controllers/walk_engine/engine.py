@@ -20,6 +20,7 @@ from trueup.controllers.walk_engine.legs import Biped
 from trueup.controllers.walk_engine.requests import OfTrial, Requests
 from trueup.errors import ParameterError
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.samples import wrapped
 
 _SHORT = 0.125
 """Share of a straight leg by which a leg of extension -1 is shorter (Behnke: eta_min = 0.875)."""
@@ -148,7 +149,7 @@ class WalkEngine:
         phase = 2.0 * np.pi * cycles - np.pi
         own = phase + np.array([np.pi, 0.0])  # of each leg: it is lifted about 0, the other one carries
         tilt = grown * gait.shift * np.cos(phase + gait.shift_phase)
-        short = _wrapped(own + p["phi_short"]) * p["v_short"]
+        short = wrapped(own + p["phi_short"]) * p["v_short"]
         lifted = np.where(np.abs(short) < np.pi, 0.5 + 0.5 * np.cos(short), 0.0)
         length = legs.longest * (1.0 - _SHORT * (p["knee"] + grown * p["a_short"] * lifted))
         swing = grown * self._swing(own)
@@ -165,7 +166,7 @@ class WalkEngine:
     def _swing(self, own: Array) -> Array:
         """(b, 2) from -1, behind, to 1: a sine in the air, back at a constant speed."""
         v = self._p["v_swing"]
-        x = _wrapped(own + self._p["phi_swing"])
+        x = wrapped(own + self._p["phi_swing"])
         half = 0.5 * np.pi / v
         back = 1.0 - (np.where(x < 0.0, x + 2.0 * np.pi, x) - half) / (np.pi - half)
         return np.where(np.abs(x) < half, np.sin(v * x), back)
@@ -180,8 +181,3 @@ class WalkEngine:
             (5, "gyro_ankleRoll", roll),
         ):  # fmt: skip
             angles[:, :, joint] += signs[:, joint] * p[gain] * by
-
-
-def _wrapped(angle: Array) -> Array:
-    """Angles in -pi ... pi."""
-    return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi

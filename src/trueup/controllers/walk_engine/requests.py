@@ -12,6 +12,7 @@ from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.errors import TrialError
 from trueup.rounding import SAME_INSTANT
+from trueup.samples import wrapped
 from trueup.trial import Reference
 
 TARGETS, REQUESTS = "targets", "requests"
@@ -72,8 +73,7 @@ class OfTrial:
             return np.zeros((len(x), 3))
         yaw = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
         dx, dy = target[0] - x, target[1] - y
-        aside = np.arctan2(dy, dx) - yaw
-        aside = np.arctan2(np.sin(aside), np.cos(aside))
+        aside = wrapped(np.arctan2(dy, dx) - yaw)
         share = target[2] * np.minimum(np.hypot(dx, dy) / self.near, 1.0)
         anyhow = target[3] > 0.0
         ahead = np.cos(aside) if anyhow else np.maximum(np.cos(aside), 0.0)

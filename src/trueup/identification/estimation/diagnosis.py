@@ -12,7 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import IdentificationError, listed
-from trueup.evidence import evidence
+from trueup.evidence import HALVED, evidence
 from trueup.identification.estimation.motion import STILL, Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.ranges import shorter
@@ -20,10 +20,9 @@ from trueup.units import FURTHEST_TURN
 
 DOUBTFUL, POOR = 0.1, 0.35
 """Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
-BETTER = 0.5
-"""Of the error that is left when a mistake is taken out, for it to be named."""
 _SLIGHTLY, _MUCH = 0.9, 0.1
-"""The same where friction would drive joints with more than this share of their torque: chance does not do that."""
+"""Of the error that may be left, in place of `HALVED`, where friction would drive joints with more than this share of their
+torque: chance does not do that."""
 AS_GOOD = 1.1
 """Times an error that is as good."""
 _TORQUE_FACTOR = 30.0
@@ -53,7 +52,7 @@ class Suspicion:
     """Of the log as it is."""
     after: Errors
     """Of the log with the mistake taken out."""
-    enough: float = BETTER
+    enough: float = HALVED
     """Of the error that may be left."""
     sure: bool = False
     """Whether nature says so, whatever is left."""
@@ -61,7 +60,7 @@ class Suspicion:
     @property
     def likely(self) -> bool:
         """Whether half of the squared error goes with the mistake, of the log and of parts of it that are left out."""
-        return self.certain or self._better(np.sqrt(BETTER))
+        return self.certain or self._better(np.sqrt(HALVED))
 
     @property
     def certain(self) -> bool:
@@ -208,7 +207,7 @@ def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit:
         f"the {channel} of {names} seems to have the wrong sign, since friction would drive what it should brake (sign = -1 "
         "in the mapping)"
     )
-    return Suspicion(said, before, after, _SLIGHTLY if min(driven.values()) > _MUCH else BETTER, everywhere)
+    return Suspicion(said, before, after, _SLIGHTLY if min(driven.values()) > _MUCH else HALVED, everywhere)
 
 
 def _candidates(motion: Motion, tree: KinematicTree) -> Iterator[tuple[str, Motion]]:

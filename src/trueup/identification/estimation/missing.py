@@ -13,8 +13,6 @@ from trueup.instant import usual_step
 from trueup.recording import Channel
 
 _GAP, _GAP_STEPS = 0.02, 5.0
-_MOST = 0.5
-"""Of a log that a joint may be without values: of less than the other half little can be told."""
 
 Gaps = tuple[tuple[float, float], ...]
 """First and last instant in s of each stretch."""
@@ -39,7 +37,7 @@ def bridged(channel: Channel, recording: str) -> tuple[Channel, Gaps, list[str]]
             continue
         ends = channel.time[[0, -1]]
         stretches = _between(np.unique([*ends, *channel.time[known]]), step) if known.any() else [(ends[0], ends[1])]
-        if sum(last - first for first, last in stretches) > _MOST * (ends[1] - ends[0]):
+        if sum(last - first for first, last in stretches) > 0.5 * (ends[1] - ends[0]):
             raise IdentificationError(
                 f"recording '{recording}', channel '{channel.name}': {np.count_nonzero(~known)} of {len(known)} samples of "
                 f"'{label}' are missing; cut the log where they are, or lock the joint (--lock {label})"

@@ -10,12 +10,11 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
-from trueup.evidence import FEWEST_PARTS, without_each
+from trueup.evidence import FEWEST_PARTS, HALVED, without_each
 from trueup.identification.estimation.belonging import strangers
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.diagnosis import (
     AS_GOOD,
-    BETTER,
     DOUBTFUL,
     POOR,
     Errors,
@@ -36,6 +35,7 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
+from trueup.samples import rms
 from trueup.units import GRAVITY
 
 _LONGEST = 20.0
@@ -73,7 +73,7 @@ def doubts(
     alone = [_rough(pool, [part]) for part in parts] if len(parts) > 1 else [(relative, driven)]
     # Signs are looked for in every log, since one of them may have been logged otherwise; the rest in one: it takes long.
     first = max(range(len(logs)), key=lambda k: alone[k][0])
-    first = first if BETTER * alone[first][0] > alone[0][0] else 0
+    first = first if HALVED * alone[first][0] > alone[0][0] else 0
     suspects = {k: own for k, (_, own) in enumerate(alone) if own} or ({first: driven} if driven else {})
     slow = slow_cutoff(logs[0].rate)
     motions = {k: logs[k].motion(slow, measured_speed=False) for k in (first, *suspects)}
@@ -205,7 +205,7 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float)
             turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
             best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
     best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
-    if error(np.zeros(3)) < min(best, BETTER * relative):
+    if error(np.zeros(3)) < min(best, HALVED * relative):
         said = "the torque seems to hold no gravity, as where a controller takes it out: identify with --gravity 0 0 0"
         return suspected(np.zeros(3), said)
     x, y, z = (round(float(g), 2) + 0.0 for g in gravity)
@@ -219,9 +219,9 @@ def _driven(pool: Pool, rows: Sequence[Rows], estimate: Estimate) -> dict[int, f
     for j, at in enumerate(zip(pool.groups[BASIC[-2]], pool.groups[BASIC[-1]], strict=True)):
         values = [np.concatenate([r.values[j][int(np.flatnonzero(r.columns[j] == k)[0])] for r in rows]) for k in at]
         friction, speed = x[list(at)] @ np.array(values), values[0]
-        size = float(np.sqrt(np.mean(friction**2)))
-        torque = float(np.sqrt(np.mean(np.concatenate([r.torque[:, j] for r in rows]) ** 2)))
-        if size > _SMALL * torque and np.mean(friction * speed) < -_SURELY * size * float(np.sqrt(np.mean(speed**2))):
+        size = float(rms(friction))
+        torque = float(rms(np.concatenate([r.torque[:, j] for r in rows])))
+        if size > _SMALL * torque and np.mean(friction * speed) < -_SURELY * size * float(rms(speed)):
             found[j] = size / max(torque, TINY)
     return found
 

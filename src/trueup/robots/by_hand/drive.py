@@ -6,10 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.evidence import HALVED
 from trueup.inspection.asked import correlation
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
-from trueup.samples import between, way_along
+from trueup.samples import between, way_along, wrapped
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 from trueup.units import FULL_LOCK
@@ -22,7 +23,6 @@ _MIRRORS = (
     ("x and y exchanged (their columns; heading sign = -1 and offset = -1.5708)", (1, 0), (1.0, 1.0)),
 )
 """How frames are mixed up that grow to the other side: in words, the columns and their signs."""
-_CLEARLY = 0.5  # what a mirror image comes to of the distance from the path; less than half is no chance
 _ASTRAY = 0.25  # median distance from the path, as a share of its extent
 _PLAINLY = 0.5  # correlation of turns with steering, below zero where one of the two has the wrong sign
 _AWRY = 0.7  # rad, median angle between where a vehicle points and where it goes
@@ -52,7 +52,7 @@ def _mirrored(driven: Array, wanted: Array, near: float) -> list[str]:
         _apart(x, wanted) for x in (driven, *(driven[:, columns] * signs for _, columns, signs in _MIRRORS))
     )
     best = int(np.argmin(mirrored))
-    if as_is <= near or mirrored[best] > _CLEARLY * as_is:
+    if as_is <= near or mirrored[best] > HALVED * as_is:
         return []
     return [
         f"it is a mirror image of the path: {as_is:.3g} m from it after the same way, {mirrored[best]:.3g} m with "
@@ -161,7 +161,7 @@ def _turns(recording: Recording) -> list[str]:
     command, heading = recording.channel("command"), recording.channel("heading")
     within = np.linspace(legs[:-1], legs[1:], 9)
     steered = command.select(("steering",)).at(within.ravel())[:, 0].reshape(within.shape).mean(axis=0)
-    turned = np.angle(np.exp(1j * np.diff(heading.at(legs)[:, 0])))
+    turned = wrapped(np.diff(heading.at(legs)[:, 0]))
     known = np.isfinite(steered + turned)
     if known.sum() < 0.5 * len(known) or correlation(steered[known], turned[known]) > -_PLAINLY:
         return []
@@ -193,7 +193,7 @@ def _points(recording: Recording) -> list[str]:
 def _off(angles: Array) -> float:
     """Median size of angles, whole turns aside; 0 without any."""
     known = angles[np.isfinite(angles)]
-    return float(np.median(np.abs(np.angle(np.exp(1j * known))))) if len(known) else 0.0
+    return float(np.median(np.abs(wrapped(known)))) if len(known) else 0.0
 
 
 def _thin(points: Array, most: int) -> Array:

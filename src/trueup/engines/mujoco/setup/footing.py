@@ -18,13 +18,13 @@ from trueup.engines.mujoco.setup.floor import Reach
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parts_between
 from trueup.recording import Recording
+from trueup.trial import LOOK
 from trueup.units import GRAVITY
 
 _BEYOND = 0.05
 """m beside the floor: within it the floor's height is calibrated (the bounds of floor_height)."""
 _MOSTLY = 0.1
 """Share of a run by whose lowest points the floor is known: whatever hops, is lifted or falls touches it that long."""
-_RATE = 50.0  # Hz at which poses are looked at
 _FEWEST = 5
 """Poses off the floor that tell whether the robot flies: in 0.1 s what falls is 5 cm away from what goes straight on."""
 _LIES, _STANDS = 0.5, 0.87  # cosines of what an upright base leans: more than 60 degrees, less than 30
@@ -142,7 +142,7 @@ def _poses(reach: Reach, recording: Recording) -> _Poses | None:
     place, turn = recording.channel(POSITION), recording.channel(ORIENTATION)
     if not set(AXES) <= set(place.labels) or turn.labels != ANGLES:
         return None
-    time = np.arange(recording.start, recording.stop, 1.0 / _RATE)
+    time = np.arange(recording.start, recording.stop, LOOK)
     bases = np.hstack([place.select(AXES).at(time), quaternion_of(turn.at(time))])
     labels: list[str] = []
     joints = np.zeros((len(time), 0))

@@ -12,12 +12,10 @@ from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
 from trueup.engines.mujoco.setup.still import carriers
-from trueup.evidence import evidence
+from trueup.evidence import HALVED, evidence
 from trueup.recording import Recording
 from trueup.trial import command_of
 
-_EXPLAINED = 0.5
-"""Of the torques' squares, at most, that may be left: beyond that neither a scale nor a weight is seen in them."""
 _STRETCHES = 8
 """Of each joint's motion, whose unexplained torques speak for or against weight one by one."""
 
@@ -46,7 +44,8 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     held, without = np.mean(shares, axis=0).sum(axis=1) if shares else (0.0, 0.0)
     weighty, weightless = np.concatenate(shares, axis=1) if shares else np.zeros((2, 0))
     # By what either leaves: stretches that weight explains and its absence does not would not count by the first alone.
-    if without >= _EXPLAINED or not evidence(weighty, weightless, weighty + weightless).holds:
+    # Where more of the torques' squares is left, neither a scale nor a weight is seen in them.
+    if without >= HALVED or not evidence(weighty, weightless, weighty + weightless).holds:
         return model
     spec = model.spec.copy()
     for body in spec.bodies[1:]:

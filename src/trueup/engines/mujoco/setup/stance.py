@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.mujoco.model import Model
+from trueup.evidence import HALVED
 from trueup.recording import Recording
 from trueup.trial import command_of
 
@@ -18,7 +19,6 @@ _BEGINNING = 0.1  # s in which a robot rests that begins at rest
 _RESTS = 0.02  # rad or m by which positions may change in it
 _SETTLED = 2.0  # s in which servos come to rest under their load
 _UPRIGHT = 0.5  # rad that a base leans at most while its robot stands
-_CLEARLY = 0.5  # of the distance from where it hangs: how near to where it stands, so that doubtful gains do not decide
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def stood(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording])
         k = int(np.argmax(np.abs(seen - down)))
         if abs(seen[k] - down[k]) > abs(worst[1] - worst[3]):
             worst = (free.names("actuator")[rest.actuators[k]], float(seen[k]), float(up[k]), float(down[k]))
-    if not standing < _CLEARLY**2 * hung:
+    if not standing < HALVED**2 * hung:  # or doubtful gains would decide
         return ""
     name, seen, up, down = worst[0], *(f"{1e3 * x:+.3g}" for x in worst[1:])
     return (
