@@ -161,7 +161,7 @@ class History:
     def first_score(self) -> float:
         """What the robot did with the settings it had at the beginning; NaN where that was never run."""
         start = self.rounds[0].begun.incumbent if self.rounds else ()
-        return _mean([x for r in self.rounds for s in r.scored if s.unit == start for x in s.scores])
+        return mean_known([x for r in self.rounds for s in r.scored if s.unit == start for x in s.scores])
 
     @property
     def best(self) -> tuple[Mapping[str, float], float]:
@@ -291,6 +291,7 @@ def unlike(predicted: float, measured: float, counts: str = "") -> str:
     )
 
 
-def _mean(values: list[float]) -> float:
+def mean_known(values: Iterable[float]) -> float:
+    """The mean of the scores that there are; NaN without any."""
     known = [v for v in values if math.isfinite(v)]
     return sum(known) / len(known) if known else math.nan

@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from trueup.calibration import Calibration
 from trueup.campaign.output import Output, fingerprint
-from trueup.commands.console import notes
+from trueup.commands.console import notes, table_of, tell
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
@@ -132,23 +130,21 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         show_outcome(calibration, console, quiet=args.quiet)
         notes(console, (*said, *family.advice(simulator, calibration)))
         for k, line in enumerate(ready.usage(calibration, output.model_file)):
-            console.print(("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}",
-                          soft_wrap=True, highlight=False)  # fmt: skip
-        console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
+            tell(console, ("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}")
+        tell(console, "  " + "  ".join(escape(str(f)) for f in files))
     return 0
 
 
 def _show_proposal(ready: Preparation, console: Console) -> None:
     """What would be calibrated, each from where, and within what."""
-    table = Table(box=SIMPLE, title_justify="left", title="would be calibrated")
-    for name in ("parameter", "unit", "start", "lowest", "highest"):
-        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
+    table = table_of("parameter", "unit", "start", "lowest", "highest", words=("parameter", "unit"),
+                     title="would be calibrated")  # fmt: skip
     for p in ready.simulator.parameters.parameters:
         if not p.frozen:
             table.add_row(escape(p.name), escape(p.unit), *(f"{v:.4g}" for v in (p.nominal, p.lower, p.upper)))
     console.print(table)
     fitted, judged = (", ".join(r.name for r in rows) or "none" for rows in (ready.recordings, ready.hold_out))
-    console.print(f"  fitted: {escape(fitted)}; held out: {escape(judged)}", soft_wrap=True, highlight=False)
+    tell(console, f"  fitted: {escape(fitted)}; held out: {escape(judged)}")
 
 
 def _output(args: argparse.Namespace, ready: Preparation) -> Output:
@@ -185,10 +181,7 @@ def _calibrated(args: argparse.Namespace, ready: Preparation, output: Output, to
         kept = output.state_file.is_file()
         where = f"the search is kept in {output.state_file}" if kept else "there was nothing to keep yet"
         then = "goes on from there" if kept else "starts again"
-        told.print(
-            escape(f"stopped; {where}. The same command {then}:\n  {again}"),
-            soft_wrap=True, highlight=False,
-        )  # fmt: skip
+        tell(told, escape(f"stopped; {where}. The same command {then}:\n  {again}"))
         output.discard()
         raise
     except TrueupError:

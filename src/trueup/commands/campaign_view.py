@@ -28,9 +28,9 @@ from trueup.campaign.events import (
     TrialStarted,
     Validated,
 )
-from trueup.campaign.history import History, astray
+from trueup.campaign.history import History, astray, mean_known
 from trueup.campaign.plan import Plan
-from trueup.commands.console import notes
+from trueup.commands.console import notes, tell
 from trueup.commands.progress import Watcher
 from trueup.errors import TrialError, counted, listed
 from trueup.report.numbers import duration_text
@@ -78,7 +78,7 @@ class CampaignView:
             return
         self._rest()
         for line in self._lines(event):
-            self._console.print(line, soft_wrap=True, highlight=False)
+            tell(self._console, line)
 
     def doubt(self, words: str) -> None:
         """See Listener."""
@@ -104,9 +104,9 @@ class CampaignView:
         self._rest()
         count = "one trial" if len(trials) == 1 else f"{len(trials)} trials"
         limited = "within the limits of the plan" if self._plan.limits.limits() else "and the plan sets no limits"
-        self._console.print(f"[bold]the robot is about to perform {count}[/], {limited}:", highlight=False)
+        tell(self._console, f"[bold]the robot is about to perform {count}[/], {limited}:")
         for line in expected:
-            self._console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
+            tell(self._console, f"  {escape(line)}")
         if self._yes:
             return
         if not self._console.is_terminal:
@@ -205,7 +205,7 @@ class CampaignView:
         if not known:
             return "fell" if event.fell else "no score"
         early = [way for way, n in self.history.early([event]).items() if n]
-        mean = self.history.score(sum(known) / len(known)) + (f" (mean of {len(known)})" if len(known) > 1 else "")
+        mean = self.history.score(mean_known(known)) + (f" (mean of {len(known)})" if len(known) > 1 else "")
         if early:
             return f"{' or '.join(early)}, {mean}"
         if math.isnan(event.done):

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from json import dumps, loads
 from typing import Any
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
+from rich.table import Table
 from rich.text import Text
 
 # C0 but tab and newline, DEL and C1, and what turns the direction of writing.
@@ -21,10 +23,23 @@ def shown(text: str) -> str:
     return _UNSAFE.sub(lambda c: f"\\x{ord(c[0]):02x}" if ord(c[0]) < 256 else f"\\u{ord(c[0]):04x}", text)
 
 
+def tell(console: Console, line: str) -> None:
+    """A line of rich's markup, in which texts from files must be escaped; the terminal wraps it, nothing is highlighted."""
+    console.print(line, soft_wrap=True, highlight=False)
+
+
+def table_of(*titles: str, words: Container[str] = ("",), title: str = "", caption: str = "") -> Table:
+    """A table without rows: columns of `words` to the left, of numbers to the right, with its title above."""
+    made = Table(box=SIMPLE, title=title, title_justify="left", caption=caption, caption_justify="left")
+    for each in titles:
+        made.add_column(each, justify="left" if each in words else "right")
+    return made
+
+
 def notes(console: Console, sentences: Iterable[object], *, quiet: bool = False) -> None:
     """What was noticed, a sentence a line; nothing with `quiet`."""
     for sentence in () if quiet else sentences:
-        console.print(f"[yellow]note[/] {escape(str(sentence))}", soft_wrap=True, highlight=False)
+        tell(console, f"[yellow]note[/] {escape(str(sentence))}")
 
 
 class PlainConsole(Console):

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from trueup.commands.console import tell
 from trueup.commands.progress import Watcher
 from trueup.commands.show import replay_table
 from trueup.commands.study_view import searching, study_table
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         if line.startswith("wrote"):
             last.append(line)
         else:
-            console.print(escape(line), soft_wrap=True, highlight=False)
+            tell(console, escape(line))
 
     if args.robot == "arm":
         from trueup.studies.servo_arm import demo

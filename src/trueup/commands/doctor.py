@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 from rich.markup import escape
 
+from trueup.commands.console import tell
 from trueup.commands.sources import add_shared
 from trueup.cores import cores
 
@@ -58,9 +59,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     else:
         colours = {"good": "green", "mind": "yellow", "bad": "red"}
         for f in found:
-            console.print(
-                f"[{colours[f.verdict]}]{f.verdict:5}[/] {f.what:12} {escape(f.said)}", soft_wrap=True, highlight=False
-            )
+            tell(console, f"[{colours[f.verdict]}]{f.verdict:5}[/] {f.what:12} {escape(f.said)}")
     return int(any(f.verdict == "bad" for f in found))
 
 

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.output import free_folder
-from trueup.commands.console import notes
+from trueup.commands.console import notes, tell
 from trueup.commands.excite_summary import limits_table, show, taken
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared
@@ -127,7 +127,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     show(args, problem, outcome, expected, console)
     console.print(limits_table(problem, outcome))
     notes(console, (*outcome.notes, *lost), quiet=args.quiet)
-    console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
+    tell(console, "  " + "  ".join(escape(str(f)) for f in files))
     return 0
 
 

@@ -13,7 +13,9 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from trueup.arrays import Array
+from trueup.commands.console import tell
 from trueup.errors import listed
+from trueup.samples import rms
 
 if TYPE_CHECKING:
     from trueup.excitation.excite import Outcome
@@ -28,7 +30,7 @@ def taken(problem: ExcitationProblem, outcome: Outcome) -> dict[str, Array]:
     used = {"lower": t.q.min(axis=0), "upper": t.q.max(axis=0)}
     used |= {"speed": np.abs(t.qd).max(axis=0), "acceleration": np.abs(t.qdd).max(axis=0)}
     if torque is not None:
-        used |= {"torque": np.sqrt(np.mean(torque**2, axis=0)), "peak": np.abs(torque).max(axis=0)}
+        used |= {"torque": rms(torque), "peak": np.abs(torque).max(axis=0)}
     return used
 
 
@@ -100,7 +102,7 @@ def show(
     start = [f"{j} {v:.2f} {'m' if s else 'rad'}" for j, v, s in zip(t.joints, t.q[0], slides, strict=True)]
     lines.append(f"bring the arm to its start first: {', '.join(start)}")
     for line in lines:
-        console.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
+        tell(console, f"  {escape(line)}")
 
 
 def _percent(value: float) -> str:

@@ -19,7 +19,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.campaign.output import free_folder
-from trueup.commands.console import notes
+from trueup.commands.console import notes, table_of, tell
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared, given
 from trueup.errors import GroundingError, counted
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print_json(json.dumps(finite(story), allow_nan=False))
     else:
         _show(story, console)
-        console.print(f"  start with {escape(str(folder / 'report.html'))}", soft_wrap=True, highlight=False)
+        tell(console, f"  start with {escape(str(folder / 'report.html'))}")
     return 0
 
 
@@ -254,29 +254,27 @@ def _show(story: dict[str, Any], console: Console) -> None:
                   f"{story['hold']['ahead']:.3g}", "")  # fmt: skip
     console.print(table)
     more = f", with {', '.join(story['others'])}" if story["others"] else ""
-    console.print(f"  {story['chosen']}, {story['view']} view, {counted(story['history'], 'frame')}{more}: {story['why']}",
-                  soft_wrap=True, highlight=False)  # fmt: skip
+    looks = f"{story['view']} view, {counted(story['history'], 'frame')}{more}"
+    tell(console, f"  {story['chosen']}, {looks}: {story['why']}")
     if story["skipped"]:
         console.print(f"  left out, --budget was not enough: {', '.join(story['skipped'])}", soft_wrap=True)
     for s in story["judged"]:
         scale = scale_for(story["unit"], [s["error"]])
         words = f"{scale.text(s['error'])} {scale.unit}, a second on {s['ahead']:.3g} spreads"
-        console.print(f"  held out: {s['name']:20} {words}", highlight=False)
+        tell(console, f"  held out: {s['name']:20} {words}")
     if "simulator" in story:
         _show_replays(story["simulator"], story["unit"], console)
 
 
 def _show_replays(told: dict[str, Any], unit: str, console: Console) -> None:
     scale = scale_for(unit, [r["before"] for r in told["replays"]])
-    table = Table(box=SIMPLE, title=f"{told['model']}: replay error in {scale.unit}", title_justify="left")
-    for name in ("", "", "as it is", "grounded"):
-        table.add_column(name, justify="right" if name else "left")
+    table = table_of("", "", "as it is", "grounded", title=f"{told['model']}: replay error in {scale.unit}")
     for r in told["replays"]:
         after = scale.text(r["after"]) if np.isfinite(r["after"]) else "refused"
         table.add_row(escape(r["recording"]), r["kind"], scale.text(r["before"]), after)
     console.print(table)
     how = f"{', chained' * told['chained']}{', by the inverse model of the simulator' * told['inverse']}"
     what = f"{told['share']:.2g} of {_TOLD[told['residual']]}{how}"
-    console.print(f"  {what}: {told['why']}", soft_wrap=True, highlight=False)
+    tell(console, f"  {what}: {told['why']}")
     for name, reason in told["refused"].items():
-        console.print(f"  [yellow]{escape(name)}[/] {escape(reason)}", soft_wrap=True, highlight=False)
+        tell(console, f"  [yellow]{escape(name)}[/] {escape(reason)}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from trueup.campaign.output import free_folder
-from trueup.commands.console import notes
+from trueup.commands.console import notes, tell
 from trueup.commands.sources import SHARE, add_shared, given, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     folder = free_folder(Path(args.out), lambda at: _free(at, Path(args.model), force=args.force))
     elsewhere = [f"results go to {folder}"] if folder != Path(args.out) else []
     notes(told, (*found, *said, *elsewhere), quiet=args.quiet)
-    progress = None if args.quiet else (lambda stage, share: told.print(f"  {stage}", highlight=False))
+    progress = None if args.quiet else (lambda stage, share: tell(told, f"  {stage}"))
     result = identify(tree, training, held_out, drives=drives, options=options, told=progress)
     delivered, more = _write(args, result, folder)
     _show(args, result, delivered, more, folder, console)

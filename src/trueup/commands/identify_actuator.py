@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay
 from trueup.campaign.output import free_folder
-from trueup.commands.console import notes
+from trueup.commands.console import notes, table_of, tell
 from trueup.commands.sources import add_shared, given, step_of
 from trueup.formats.aside import write_aside
 from trueup.report.numbers import duration_text
@@ -122,33 +121,34 @@ def _show(actuator: Actuator, console: Console) -> None:
         console.print(
             _numbers("by regression (error = load / kp + kd / kp speed + kc / kp sign)", [*seen.ratios, *seen.gains])
         )
-        console.print(f"explains {100 * seen.explained:.0f} % of the error while it moves", highlight=False)
+        tell(console, f"explains {100 * seen.explained:.0f} % of the error while it moves")
     for sentence in seen.cannot:
-        console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+        tell(console, f"[cyan]cannot tell[/] {escape(sentence)}")
     if actuator.law is None:
         return
     console.print(_asked(actuator))
     console.print(_numbers("by simulation", actuator.values))
     for value in actuator.values:
         if value.high > 3.0 * max(value.low, 0.0) and value.value > 0.0:
-            console.print(f"[cyan]cannot tell[/] {value.name} to better than {value.low:.3g} ... {value.high:.3g} "
-                          f"{value.unit}: the recordings see it in combination with others only",
-                          soft_wrap=True, highlight=False)  # fmt: skip
+            tell(console, f"[cyan]cannot tell[/] {value.name} to better than {value.low:.3g} ... {value.high:.3g} "
+                          f"{value.unit}: the recordings see it in combination with others only")  # fmt: skip
     console.print(_errors(actuator))
-    console.print(f"took {duration_text(actuator.seconds)}", highlight=False)
+    tell(console, f"took {duration_text(actuator.seconds)}")
 
 
 def _numbers(title: str, values: Sequence[Value]) -> Table:
-    table = Table("", "value", "95 % interval", "", box=SIMPLE, title=title, title_justify="left")
+    table = table_of("", "value", "95 % interval", "", title=title)
     for v in values:
         table.add_row(v.name, f"{v.value:.4g}", f"{v.low:.3g} ... {v.high:.3g}", v.unit)
     return table
 
 
 def _asked(actuator: Actuator) -> Table:
-    table = Table("structure", "left-out error without", "with, mrad", "with it", "", box=SIMPLE, title_justify="left",
-                  title="what it is made of: kept where left-out recordings want it by two standard errors, or by one where "
-                        "none is replayed worse")  # fmt: skip
+    table = table_of(
+        "structure", "left-out error without", "with, mrad", "with it", "", words=("structure", "with it", ""),
+        title="what it is made of: kept where left-out recordings want it by two standard errors, or by one where none is "
+        "replayed worse",
+    )  # fmt: skip
     for a in actuator.asked:
         kept = "[bold]kept[/]" if a.name in actuator.structures else "left out"
         table.add_row(a.name, f"{1e3 * a.without:.1f}", f"{1e3 * a.with_it:.1f}",
@@ -157,8 +157,8 @@ def _asked(actuator: Actuator) -> Table:
 
 
 def _errors(actuator: Actuator) -> Table:
-    table = Table("recording", "actuator.py", "actuator.xml, mrad", "", box=SIMPLE, title_justify="left",
-                  title="mean absolute error of whole replays by fits that never saw them")  # fmt: skip
+    table = table_of("recording", "actuator.py", "actuator.xml, mrad", "", words=("recording", ""),
+                     title="mean absolute error of whole replays by fits that never saw them")  # fmt: skip
     for j in actuator.judged:
         table.add_row(escape(j.name), f"{1e3 * j.model:.1f}", f"{1e3 * j.file:.1f}", "held out" if j.held_out else "")
     for held, word in ((False, "mean, left out in turn"), (True, "mean, held out")):
@@ -172,13 +172,13 @@ def _written(actuator: Actuator, paths: Sequence[Path], console: Console) -> Non
     """Names the files; the MJCF is read back and replayed by the engine itself, on the load that it holds."""
     from trueup.actuators.actuator import replay_file
 
-    console.print(f"wrote {', '.join(escape(str(p)) for p in paths)}", soft_wrap=True, highlight=False)
+    tell(console, f"wrote {', '.join(escape(str(p)) for p in paths)}")
     for path in paths:
         runs = [r for r in actuator.runs if r.bench == actuator.bench] if path.name == MJCF else []
         if runs:
             errors = [abs(replay_file(path, r) - r.position).mean() for r in runs]
-            console.print(f"{path.name} read back replays {len(runs)} recordings (fitted ones among them) to "
-                          f"{1e3 * sum(errors) / len(errors):.1f} mrad", soft_wrap=True, highlight=False)  # fmt: skip
+            tell(console, f"{path.name} read back replays {len(runs)} recordings (fitted ones among them) to "
+                          f"{1e3 * sum(errors) / len(errors):.1f} mrad")  # fmt: skip
 
 
 def _pictures(actuator: Actuator, folder: Path) -> list[Path]:

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.commands.console import notes
+from trueup.commands.console import notes, tell
 from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, recordings_in
 from trueup.errors import ClockError, MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         _show(inspection, console)
     # The same guess for each file differs in its numbers only; once is enough.
     for guessed in {g.split(" (")[0]: g for inspection in found for g in inspection.guesses}.values():
-        console.print(f"[cyan]guess[/] {escape(guessed)}", highlight=False, soft_wrap=True)
+        tell(console, f"[cyan]guess[/] {escape(guessed)}")
     notes(console, said)
     if written is not None:
         console.print(f"wrote [bold]{escape(str(written))}[/]; edit it if a guess is wrong", soft_wrap=True)
@@ -225,11 +225,11 @@ def _show(inspection: Inspection, console: Console) -> None:
     detail = (
         f" (jitter {1e3 * first.jitter:.2g} ms, {gaps or 'no'} gap{'s' * (gaps != 1)})" if first is not None else ""
     )
-    console.print(f"[bold]{escape(inspection.name)}[/]   {inspection.duration:.1f} s{rate}{detail}", highlight=False)
+    tell(console, f"[bold]{escape(inspection.name)}[/]   {inspection.duration:.1f} s{rate}{detail}")
     for channel in inspection.channels:
-        console.print(f"  {escape(channel.name):13} {_line(channel)}", highlight=False, soft_wrap=True)
+        tell(console, f"  {escape(channel.name):13} {_line(channel)}")
     for sentence in inspection.findings():
-        console.print(f"  [yellow]mind[/] {escape(sentence)}", highlight=False, soft_wrap=True)
+        tell(console, f"  [yellow]mind[/] {escape(sentence)}")
 
 
 _UNITLESS = {"load": "of what it is rated for", "base_orientation": "of a quaternion"}

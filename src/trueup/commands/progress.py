@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from trueup.calibration import TracePoint
+from trueup.commands.console import tell
 from trueup.report.numbers import duration_text, scale_for
 
 # Where in the whole a stage begins and ends, from runs on arms of six joints. Refits come after the full step.
@@ -82,7 +83,7 @@ class Watcher:
         if not self._bar.disable:
             self._bar.update(self._task, completed=self._done, description=stage, said=said + self._left(point))
         elif fresh and not self._quiet:
-            self._console.print(f"  {stage}: {said}, {point.seconds:.0f} s", highlight=False, soft_wrap=True)
+            tell(self._console, f"  {stage}: {said}, {point.seconds:.0f} s")
 
     def _left(self, point: TracePoint) -> str:
         if self._done < 0.1:

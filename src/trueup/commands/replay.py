@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Ahead, Replay, pooled_rmse
 from trueup.campaign.output import free_folder
-from trueup.commands.console import notes
+from trueup.commands.console import notes, table_of, tell
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
 from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
 from trueup.formats.aside import write_aside
@@ -106,9 +105,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         else:
             _write(args, compared, folder, said)
         what = "pictures" if compared.predictions else "report.html, pictures and trajectories"
-        (told if args.json else console).print(f"  {what} in {escape(str(folder))}", soft_wrap=True, highlight=False)
+        tell(told if args.json else console, f"  {what} in {escape(str(folder))}")
     for sentence in missing:
-        told.print(f"[bold red]error[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+        tell(told, f"[bold red]error[/] {escape(sentence)}")
     return 1 if missing else 0
 
 
@@ -153,16 +152,9 @@ def _further(found: Sequence[Replay], ahead: Sequence[Ahead]) -> Table:
     scale = scale_of(found)
     own = [a for a in ahead if a.channel == found[0].channel]
     horizons = own[0].horizons if own else ()
-    table = Table(box=SIMPLE, title=escape(f"{found[0].channel}, other errors in {scale.unit}"), title_justify="left",
-                  caption_justify="left")  # fmt: skip
-    table.add_column("")
-    for name in (
-        "mean size",
-        "at the end",
-        *(["next sample"] if horizons else []),
-        *(f"{h:g} s ahead" for h in horizons[1:]),
-    ):
-        table.add_column(name, justify="right")
+    ahead_in = (*(["next sample"] if horizons else []), *(f"{h:g} s ahead" for h in horizons[1:]))
+    title = f"{found[0].channel}, other errors in {scale.unit}"
+    table = table_of("", "mean size", "at the end", *ahead_in, title=escape(title))
     labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
     joints = ((x, [r.columns([r.labels.index(x)]) for r in found if x in r.labels]) for x in labels)
     for name, parts in (*joints, ("all", list(found))):
@@ -203,12 +195,10 @@ def _table(found: list[Replay], compared: bool) -> Table:
     scale = scale_for(found[0].unit, [pooled_rmse([r], after=True) for r in found])
     title = f"{found[0].channel}: root mean square of simulated minus measured, in {scale.unit}"
     noise = float(np.nanmedian(np.concatenate([r.noise for r in found])))
-    table = Table(box=SIMPLE, title=escape(title), title_justify="left", caption_justify="left")
-    table.caption = f"measurement noise about {scale.text(noise, 2)} {scale.unit}"
-    table.add_column("")
-    for name in ("against", "error", "ratio") if compared else ("error",):
-        table.add_column(name, justify="right")
-    table.add_column("most in")
+    table = table_of(
+        "", *(("against", "error", "ratio") if compared else ("error",)), "most in", words=("", "most in"),
+        title=escape(title), caption=f"measurement noise about {scale.text(noise, 2)} {scale.unit}",
+    )  # fmt: skip
 
     def row(name: str, parts: list[Replay], most: str, *, end_section: bool = False) -> None:
         before, after = pooled_rmse(parts, after=False), pooled_rmse(parts, after=True)

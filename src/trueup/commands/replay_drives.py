@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.box import SIMPLE
 from rich.markup import escape
 from rich.table import Table
 
 from trueup.arrays import Array
 from trueup.calibration import Prediction
+from trueup.commands.console import table_of
 from trueup.formats.aside import write_aside
 from trueup.report.drive_picture import drive_picture
 from trueup.report.numbers import ratio_text, scale_for
+from trueup.samples import rms
 
 if TYPE_CHECKING:
     from trueup.loop.prepare import Comparison
@@ -36,20 +37,14 @@ def drive_table(found: Sequence[Prediction]) -> Table:
     """A row a drive and one over all predictions: mean error at each horizon."""
     horizons = found[0].horizons
     scale = scale_for("m", [float(np.nanmean(p.errors)) for p in found])
-    title = f"predicted position, mean error in {scale.unit}"
-    table = Table(box=SIMPLE, title=title, title_justify="left", caption_justify="left")
-    compared = found[0].against is not None
-    table.add_column("")
-    for horizon in horizons:
-        for name in ("against", f"in {horizon:g} s", "ratio") if compared else (f"in {horizon:g} s",):
-            table.add_column(name, justify="right")
-    table.add_column("it went", justify="right")
-    table.add_column("of", justify="right")
-    table.caption = (
-        f"each prediction goes on from what was measured until it began, under the recorded commands alone; 'it went': in "
-        f"{max(horizons):g} s, in the mean; 'of': how many predictions; a drive of a few seconds is predicted once, from its "
-        "first state"
-    )
+    before, ratio = (("against",), ("ratio",)) if found[0].against is not None else ((), ())
+    errors = (name for h in horizons for name in (*before, f"in {h:g} s", *ratio))
+    table = table_of(
+        "", *errors, "it went", "of", title=f"predicted position, mean error in {scale.unit}",
+        caption="each prediction goes on from what was measured until it began, under the recorded commands alone; 'it "
+        f"went': in {max(horizons):g} s, in the mean; 'of': how many predictions; a drive of a few seconds is predicted "
+        "once, from its first state",
+    )  # fmt: skip
 
     def row(name: str, parts: Sequence[Prediction], *, end_section: bool = False) -> None:
         errors = np.concatenate([p.errors for p in parts])
@@ -94,7 +89,7 @@ def plain_drive(one: Prediction) -> dict[str, Any]:
                     "horizon": h,
                     "mean": float(e.mean()),
                     "median": float(np.median(e)),
-                    "rms": float(np.sqrt(np.mean(e**2))),
+                    "rms": float(rms(e)),
                 }
                 for h, e in ((h, e[np.isfinite(e)]) for h, e in zip(one.horizons, errors.T, strict=True))
                 if len(e)

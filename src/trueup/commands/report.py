@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.folder import Folder
+from trueup.commands.console import tell
 from trueup.commands.sources import add_shared
 from trueup.report.campaign import write_campaign_report
 
@@ -32,5 +33,5 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     folder = Folder.open(Path(args.folder))
     folder.events()  # what was altered is said before anything is told of it
     path = write_campaign_report(folder.path, folder.file.plan, Path(args.out) if args.out else None)
-    console.print(escape(str(path)), soft_wrap=True, highlight=False)
+    tell(console, escape(str(path)))
     return 0

@@ -17,7 +17,7 @@ from trueup.campaign.history import History
 from trueup.campaign.journal import Journal
 from trueup.campaign.plan import PlanFile, read_plan
 from trueup.commands.campaign_view import CampaignView, Unknown
-from trueup.commands.console import notes
+from trueup.commands.console import notes, tell
 from trueup.commands.sources import add_shared, seed_of
 from trueup.commands.status import as_json, show_status
 from trueup.commands.where import CLUSTER, add_cluster, evaluator_of
@@ -95,7 +95,7 @@ def _made(file: PlanFile, console: Console) -> int:
             f"task        {parts.task.name}, tunes: {', '.join(free)}",
             f"recordings  {', '.join(r.name for r in (*parts.recordings, *parts.held_out)) or 'none yet'}",
         ):
-            console.print(escape(line), soft_wrap=True, highlight=False)
+            tell(console, escape(line))
     return 0
 
 
@@ -108,7 +108,7 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
 
     def say(line: str) -> None:
         if not args.quiet:
-            told.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
+            tell(told, f"  {escape(line)}")
 
     unknown, plan = cast(Unknown, args.unknown), folder.file.plan
     with Journal(folder.path) as journal:
@@ -137,5 +137,5 @@ def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> 
     fits = [r.calibrated.round for r in history.rounds if r.calibrated is not None]
     models = sorted(folder.path.glob(f"round-{fits[-1]}/calibrated*.*")) if fits else []
     for written in (report, *models):
-        console.print(f"  {escape(str(written))}", soft_wrap=True, highlight=False)
+        tell(console, f"  {escape(str(written))}")
     return 0

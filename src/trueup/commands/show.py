@@ -6,13 +6,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Calibration, Replay
-from trueup.commands.console import notes
+from trueup.commands.console import notes, table_of, tell
 from trueup.report.numbers import duration_text, ratio_text, scale_for
 from trueup.report.summary import Score, comparisons, pooled_score
 
@@ -33,7 +32,7 @@ def proposal_line(kinds: Sequence[tuple[str, str, int]], *, given: bool) -> str:
 def show_outcome(calibration: Calibration, console: Console, *, quiet: bool = False) -> None:
     """Prints errors before and after (fitted, held out, each held-out motion), noise floor, and what to mind."""
     for sentence in calibration.unidentified:
-        console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+        tell(console, f"[cyan]cannot tell[/] {escape(sentence)}")
     notes(console, filter(None, (*calibration.warnings, *calibration.notes, calibration.lacking)), quiet=quiet)
     every = comparisons(calibration)
     for comparison in every:
@@ -50,18 +49,15 @@ def show_outcome(calibration: Calibration, console: Console, *, quiet: bool = Fa
     for estimate in calibration.estimates:
         counts[estimate.verdict] = counts.get(estimate.verdict, 0) + 1
     told = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    console.print(
-        f"parameters: {told}   ({calibration.evaluations} simulations of all recordings, "
-        f"{duration_text(calibration.seconds)})", highlight=False, soft_wrap=True,
-    )  # fmt: skip
+    spent = f"{calibration.evaluations} simulations of all recordings, {duration_text(calibration.seconds)}"
+    tell(console, f"parameters: {told}   ({spent})")
 
 
 def replay_table(calibration: Calibration) -> Table:
     """One row a recording: replay error before and after, those held out marked."""
     scale = scale_for(calibration.replays[0].unit, [pooled_score(calibration.replays).before])
-    table = Table(box=SIMPLE, caption=f"replay error in {scale.unit}, all joints", caption_justify="left")
-    for title in ("recording", "", "before", "after", "ratio"):
-        table.add_column(title, justify="left" if title in ("recording", "") else "right")
+    table = table_of("recording", "", "before", "after", "ratio", words=("recording", ""),
+                     caption=f"replay error in {scale.unit}, all joints")  # fmt: skip
     for replay in sorted(calibration.replays, key=lambda r: not r.held_out):
         score = pooled_score([replay])
         kind = "held out" if replay.held_out else "fitted"
@@ -82,7 +78,7 @@ def _line(console: Console, title: str, replays: Sequence[Replay], unit: str, *,
         text += f"   noise floor {scale.text(score.noise, 2)} {scale.unit}"
     if score.worse:
         text += "   WORSE than shipped"
-    console.print(f"{escape(title):28} {text}", highlight=False, soft_wrap=True)
+    tell(console, f"{escape(title):28} {text}")
 
 
 def _ratio(score: Score) -> str:

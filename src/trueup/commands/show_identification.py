@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from trueup.commands.console import notes
+from trueup.commands.console import notes, table_of, tell
 from trueup.identification.estimation.result import Deliverable, Identification, relative_error, relative_errors, rmse
 from trueup.report.numbers import duration_of_a_call, duration_text, significant
 
@@ -28,40 +27,39 @@ def show_identification(
 ) -> None:
     """Prints warnings, errors by joint, the error of each file in `folder`, and what could not be told."""
     for sentence in result.warnings:
-        console.print(f"[red]mind[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+        tell(console, f"[red]mind[/] {escape(sentence)}")
     notes(console, result.notes, quiet=quiet)
     for sentence in result.advice if not quiet else ():
-        console.print(f"[cyan]{escape(sentence)}[/]", soft_wrap=True, highlight=False)
+        tell(console, f"[cyan]{escape(sentence)}[/]")
     console.print(_table(result))
     judged = result.judged()
     where = "held out" if result.held_out() else "TRAINING DATA, nothing was held out"
-    line = f"torque error ({where}): [bold]{100 * relative_error(judged):.2f} %[/] of the torque that it carries"
-    console.print(line, soft_wrap=True, highlight=False)
-    console.print(
-        f"fitted: {100 * relative_error(result.training()):.2f} %   cross-validated: "
-        f"{significant(result.cross_validated())} {result.unit}   cut-off {result.cutoff:g} Hz   "
-        f"{duration_text(result.seconds)}",
-        soft_wrap=True, highlight=False,
-    )  # fmt: skip
+    tell(
+        console, f"torque error ({where}): [bold]{100 * relative_error(judged):.2f} %[/] of the torque that it carries"
+    )
+    left_out = f"{significant(result.cross_validated())} {result.unit}"
+    tell(console, f"fitted: {100 * relative_error(result.training()):.2f} %   cross-validated: {left_out}   "
+                  f"cut-off {result.cutoff:g} Hz   {duration_text(result.seconds)}")  # fmt: skip
     counts = Counter(p.verdict for p in result.parameters)
     edges = [link.name for link in result.links if link.on_boundary]
     told = ", ".join(f"{counts[v]} {v}" for v in ("identified", "roughly", "small", "shared", "not seen") if counts[v])
-    console.print(f"parameters: {told}", highlight=False, soft_wrap=True)
+    tell(console, f"parameters: {told}")
     if edges:
         said = escape(", ".join(edges))
-        console.print(f"[yellow]on the edge of what is possible:[/] {said}", highlight=False, soft_wrap=True)
+        tell(console, f"[yellow]on the edge of what is possible:[/] {said}")
     console.print(_files(result, delivered))
     for d in delivered if not quiet else ():
         if d.note and d.name != "Python file":
-            console.print(f"{d.name}: {escape(d.note)}", highlight=False, soft_wrap=True)
-    console.print(escape(f"{folder}: start with {folder / 'report.html'}"), soft_wrap=True, highlight=False)
+            tell(console, f"{d.name}: {escape(d.note)}")
+    tell(console, escape(f"{folder}: start with {folder / 'report.html'}"))
 
 
 def _files(result: Identification, delivered: Sequence[Deliverable]) -> Table:
     """Each file with its error as it was read back, and what it is for."""
-    table, held = Table(box=SIMPLE), bool(result.held_out())
-    for title in ("file", "fitted", "held out", "use it for"):
-        table.add_column(title, justify="right" if title in ("fitted", "held out") else "left")
+    table, held = (
+        table_of("file", "fitted", "held out", "use it for", words=("file", "use it for")),
+        bool(result.held_out()),
+    )
     for d in delivered:
         known = [d.errors and (held or not k) for k in (False, True)]
         errors = [f"{100 * d.relative(held_out=bool(k)):.2f} %" if yes else "-" for k, yes in enumerate(known)]
@@ -72,9 +70,7 @@ def _files(result: Identification, delivered: Sequence[Deliverable]) -> Table:
 
 def _table(result: Identification) -> Table:
     judged = result.judged()
-    table = Table(box=SIMPLE)
-    for title in ("joint", "error", "% of its torque", "% of its limit"):
-        table.add_column(title, justify="left" if title == "joint" else "right")
+    table = table_of("joint", "error", "% of its torque", "% of its limit", words=("joint",))
     for j, name in enumerate(result.joints):
         error, share = float(rmse(judged)[j]), float(relative_errors(judged)[j])
         limit = result.effort[j]

@@ -18,6 +18,7 @@ from trueup.campaign.edges import at_edges
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History, RoundStory
 from trueup.campaign.plan import Plan
+from trueup.commands.console import tell
 from trueup.commands.sources import add_shared
 from trueup.formats.plain import finite
 
@@ -61,24 +62,22 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
         share = f", {100 * abs(change):.1f} % {'more' if change > 0.0 else 'less'}" if math.isfinite(change) else ""
         before = f" (at first {history.score(first)}{share})" if math.isfinite(first) else ""
         what = f"best {history.counts} on the robot" if history.counts else "best on the robot"
-        console.print(f"{what}: {history.score(score)}{before}", highlight=False)
+        tell(console, f"{what}: {history.score(score)}{before}")
         shown = ", ".join(f"{k} = {history.setting(k, v)}" for k, v in settings.items())
-        console.print(f"  {escape(shown)}", highlight=False, soft_wrap=True)
+        tell(console, f"  {escape(shown)}")
         if words := at_edges(history):
-            console.print(f"  note: {escape(words)}", highlight=False, soft_wrap=True)
+            tell(console, f"  note: {escape(words)}")
         for words in filter(None, (history.done_by_best, history.falls_of_best)):
-            console.print(f"  the robot {words}", highlight=False)
+            tell(console, f"  the robot {words}")
     if history.ended is not None:
-        console.print(escape(history.ended.reason), highlight=False)
+        tell(console, escape(history.ended.reason))
     elif history.begun is None:
-        console.print(
-            "not begun: nothing was asked of the robot. A plan that was mended: trueup run PLAN", highlight=False
-        )
+        tell(console, "not begun: nothing was asked of the robot. A plan that was mended: trueup run PLAN")
     elif history.waiting:
         names = ", ".join(t.planned.trial for t in history.waiting)
-        console.print(f"waits for {names} ({history.phase} of round {len(history.rounds)})", highlight=False)
+        tell(console, f"waits for {names} ({history.phase} of round {len(history.rounds)})")
     else:
-        console.print(f"stopped or busy: {history.phase} of round {len(history.rounds)}", highlight=False)
+        tell(console, f"stopped or busy: {history.phase} of round {len(history.rounds)}")
 
 
 def as_json(history: History) -> str:

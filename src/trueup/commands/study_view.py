@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import TaskID
 from rich.table import Table
 
+from trueup.commands.console import table_of
 from trueup.commands.progress import bar
 
 if TYPE_CHECKING:
@@ -37,10 +37,8 @@ def searching(console: Console) -> Iterator[Callable[[str, int, int, float], Non
 
 def study_table(study: Study) -> Table:
     """One row for each way: the robot's true distance from its path, and what it took."""
-    table = Table(box=SIMPLE, caption="the robot's true distance from its path, rms", caption_justify="left")
-    table.add_column("")
-    for name in ("distance", "less by", "runs on the robot", "simulated runs"):
-        table.add_column(name, justify="right")
+    table = table_of("", "distance", "less by", "runs on the robot", "simulated runs",
+                     caption="the robot's true distance from its path, rms")  # fmt: skip
     initial, paper, rounds = study.errors
     searched = len(study.paper.calibration.losses) + len(study.paper.tuning.losses)
     rows = (("initial gains", initial, 1, ""), ("calibrated once, three gains (the paper)", paper, 2, str(searched)),

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from trueup.campaign.history import History
+from trueup.campaign.history import History, mean_known
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import shortened, significant
 from trueup.report.plots import AFTER, BEFORE, FAINT, INK, SOFT, Plot, span
@@ -36,7 +36,7 @@ def score_figure(history: History) -> Markup:
     first = entries[0][1].unit if entries else ()
     for k, ((_, s), made, hoped) in enumerate(zip(entries, scores, expected, strict=True)):
         known = [x for x in made if math.isfinite(x)]
-        mean = sum(known) / len(known) if known else math.nan
+        mean = mean_known(known)
         previous, best = best, (better(best, mean) if math.isfinite(best) else mean) if known else best
         steps += (
             [(k - 0.5, previous), (k - 0.5, best), (k + 0.5, best)] if math.isfinite(previous) else [(k - 0.5, best)]

@@ -9,7 +9,7 @@ from datetime import datetime
 
 from trueup.campaign.edges import at_edges
 from trueup.campaign.events import Scored
-from trueup.campaign.history import History, RoundStory, TrialStory, astray
+from trueup.campaign.history import History, RoundStory, TrialStory, astray, mean_known
 from trueup.campaign.plan import Plan
 from trueup.errors import counted
 from trueup.report.campaign_figures import gap_figure, parameter_figures, ranking_figure, score_figure, search_figure
@@ -167,8 +167,7 @@ def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
          if (t.planned.step, t.planned.candidate) == (scored.step, scored.candidate)), {}
     )  # fmt: skip
     picked = story.chosen if scored.step == "transfer" else None
-    known = [x for x in scored.scores if math.isfinite(x)]
-    measured = history.shown(sum(known) / len(known)) if known else math.nan
+    measured = history.shown(mean_known(scored.scores))
     expected = math.nan
     which = "experiment"
     if picked is not None:

@@ -15,18 +15,19 @@ from trueup.report.encoding import kept_samples
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import significant
 from trueup.report.plots import AFTER, FAINT, INK, SOFT, Plot, span
+from trueup.samples import rms
 
 _SPEED_BINS, _CELLS = 15, 14
 _FEW = 8
 """Samples below which a bin or a cell says nothing."""
 
 
-def torque_figures(result: Identification, prediction: Prediction, which: str) -> Markup:
+def torque_figures(result: Identification, prediction: Prediction) -> Markup:
     """Measured and predicted torque of each joint; bounds are the prediction +- the RMSE (evolved trajectories, eq. 10)."""
-    bound = rmse(result.judged(), which)
-    predicted, figures = getattr(prediction, which), []
+    bound = rmse(result.judged())
+    figures = []
     for j, joint in enumerate(result.joints):
-        measured, model = prediction.measured[:, j], predicted[:, j]
+        measured, model = prediction.measured[:, j], prediction.fitted[:, j]
         kept = kept_samples([measured, model], SAMPLES)
         t, low, high = prediction.time[kept], model[kept] - bound[j], model[kept] + bound[j]
         unit, kind = result.units[j], {"N": "force", "N m": "torque"}.get(result.units[j], "current")
@@ -37,18 +38,18 @@ def torque_figures(result: Identification, prediction: Prediction, which: str) -
         chart.band(t, low, high)
         chart.curve(t, measured[kept], INK)
         chart.curve(t, model[kept], AFTER)
-        words = f"RMSE {significant(float(np.sqrt(np.mean((measured - model) ** 2))))} {unit}"
+        words = f"RMSE {significant(float(rms(measured - model)))} {unit}"
         figures.append(
             join(tag("h4", joint, tag("span", f"   {words}", class_="detail")), chart.svg(f"torque of {joint}"))
         )
     return join(figures)
 
 
-def error_figures(result: Identification, which: str) -> Markup:
+def error_figures(result: Identification) -> Markup:
     """Distribution of the torque error of each axis, in N m and as a share of the torque limit (the papers' Figures 7, 8)."""
     judged = result.judged()
-    errors = np.concatenate([p.measured - getattr(p, which) for p in judged])
-    size = np.sqrt(np.mean(np.concatenate([p.measured for p in judged]) ** 2, axis=0))
+    errors = np.concatenate([p.measured - p.fitted for p in judged])
+    size = rms(np.concatenate([p.measured for p in judged]))
     alike = len(set(result.units)) == 1  # newtons beside newton metres say nothing
     limited = bool(np.isfinite(result.effort).any())
     figures = [_boxes(result, errors, f"error in {result.unit}")] if alike else []
@@ -83,12 +84,12 @@ def _boxes(result: Identification, errors: Array, title: str) -> Markup:
     return chart.svg(title)
 
 
-def speed_figures(result: Identification, which: str) -> Markup:
+def speed_figures(result: Identification) -> Markup:
     """Mean error and its spread against speed, joint by joint: what is left of friction's structure."""
     judged, figures = result.judged(), []
     for j, joint in enumerate(result.joints):
         v = np.concatenate([p.velocity[:, j] for p in judged])
-        error = np.concatenate([p.measured[:, j] - getattr(p, which)[:, j] for p in judged])
+        error = np.concatenate([p.measured[:, j] - p.fitted[:, j] for p in judged])
         centre, mean, spread, low, high = binned(v, error)
         unit, turn = result.units[j], "m" if result.prismatic[j] else "rad"
         chart = Plot(
@@ -120,14 +121,14 @@ def binned(v: Array, error: Array) -> tuple[Array, Array, Array, Array, Array]:
     return centre, mean, spread, mean - half, mean + half
 
 
-def validity_map(result: Identification, which: str) -> Markup:
+def validity_map(result: Identification) -> Markup:
     """Where the tool frame was while the model was judged, side view and from above, coloured by the relative error there."""
     judged = result.judged()
     reach = np.concatenate([p.reach for p in judged])
-    error = np.concatenate([p.measured - getattr(p, which) for p in judged])
+    error = np.concatenate([p.measured - p.fitted for p in judged])
     torque = np.concatenate([p.measured for p in judged])
     trained = np.concatenate([p.reach for p in result.training()]) if result.held_out() else None
-    size = np.sqrt(np.mean(torque**2, axis=0))
+    size = rms(torque)
     views = [
         ("from the side: distance from the base's axis and height, m", lambda r: (np.hypot(r[:, 0], r[:, 1]), r[:, 2])),
         ("from above: x and y, m", lambda r: (r[:, 0], r[:, 1])),
@@ -148,13 +149,13 @@ def _map(x: Array, y: Array, error: Array, size: Array, trained: Sequence[tuple[
         for a, b in sorted(set(zip(np.floor(tx / step).tolist(), np.floor(ty / step).tolist(), strict=True))):
             chart.box((a * step, (a + 1) * step), (b * step, (b + 1) * step), "var(--wash)", "fitted here, not judged")
     column, row = np.floor(x / step), np.floor(y / step)
-    share = np.sqrt(np.mean((error / size) ** 2, axis=1))
-    overall = float(np.sqrt(np.mean(share**2)))
+    share = rms(error / size, axis=1)
+    overall = float(rms(share))
     for a, b in sorted(set(zip(column.tolist(), row.tolist(), strict=True))):
         here = (column == a) & (row == b)
         if np.count_nonzero(here) < _FEW:
             continue
-        local = float(np.sqrt(np.mean(share[here] ** 2)))
+        local = float(rms(share[here]))
         worse = local > 1.5 * overall
         strength = min(max(local / (3.0 * overall), 0.12), 0.9)
         colour = f"rgba(214, 120, 20, {strength:.2f})" if worse else f"rgba(var(--accent), {strength:.2f})"

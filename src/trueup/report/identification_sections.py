@@ -50,7 +50,6 @@ def identification_sections(
     result: Identification, delivered: Sequence[Deliverable], context: Mapping[str, str]
 ) -> tuple[Section, ...]:
     """All sections; `delivered` are the files beside the report."""
-    which = "fitted"
     shown = result.judged()[0]
     parts = [
         Section("answer", "How good", "How well does it predict torque?", _answer(result)),
@@ -59,17 +58,17 @@ def identification_sections(
         Section("torque", "Torque", f"Torque, measured and predicted: {shown.recording}", join(
             tag("p", "Black: measured. Blue: predicted, with a band of one root mean squared error either side. ",
                 "Held out: the model never saw this motion." if shown.held_out else "This motion was fitted."),
-            torque_figures(result, shown, which),
+            torque_figures(result, shown),
         )),
         Section("errors", "Errors", "How are the errors distributed, axis by axis?", join(
-            error_figures(result, which),
+            error_figures(result),
             caption("Box: half of all errors. Line: 90 %. Dots: extremes, where they fit. Joints are numbered in the "
                     "model's order."),
         )),
-        Section("friction", "Friction", "Does friction have structure that is left?", _friction(result, which)),
+        Section("friction", "Friction", "Does friction have structure that is left?", _friction(result)),
         Section("parameters", "Parameters", "What are the numbers, and how sure are they?", _parameters(result)),
         *([Section("links", "Bodies", "Can these bodies exist?", _links(result))] if result.links else []),
-        Section("validity", "Where it holds", "Where was the model verified?", _validity(result, which)),
+        Section("validity", "Where it holds", "Where was the model verified?", _validity(result)),
         Section("missing", "What is missing", "What could these recordings not tell, and which motion would?",
                 _missing(result)),
         Section("details", "Details", "How was this done?", _details(result, context)),
@@ -108,11 +107,11 @@ def _joint_table(result: Identification) -> Markup:
     return table(head(*titles, numbers=range(1, 4)), rows, "compact")
 
 
-def _friction(result: Identification, which: str) -> Markup:
+def _friction(result: Identification) -> Markup:
     return join(
         tag("p", "Mean error against speed, with the mean's own 95 % bars and the spread of the errors as a band. A mean "
             "that leaves zero where its bars do not reach it is friction that the model lacks."),
-        speed_figures(result, which),
+        speed_figures(result),
     )  # fmt: skip
 
 
@@ -183,7 +182,7 @@ def _links(result: Identification) -> Markup:
     return join(tag("p", words + told), table(head(*titles, numbers=range(1, 4)), rows, "compact", id="links"))
 
 
-def _validity(result: Identification, which: str) -> Markup:
+def _validity(result: Identification) -> Markup:
     judged = result.judged()
     q, v = (np.concatenate([getattr(p, name) for p in judged]) for name in ("position", "velocity"))
     rows = []
@@ -196,7 +195,7 @@ def _validity(result: Identification, which: str) -> Markup:
     return join(
         tag("p", f"Where the last link's frame went in the motion that {kind}; darker is a larger error, orange is more than "
             "1.5 times the mean one. Pale cells were fitted but not judged. Outside, the model is extrapolation."),
-        validity_map(result, which),
+        validity_map(result),
         table(head("Joint", "Positions", "Speeds up to", numbers=(1, 2)), rows, "compact pairs"),
     )  # fmt: skip
 

@@ -30,6 +30,7 @@ from trueup.report.parts import (
     table,
 )
 from trueup.report.picture import replay_picture
+from trueup.report.summary import known_rms
 
 _STYLE = """
 figure.replay { overflow-x: auto; margin: 0 0 20px; }
@@ -66,7 +67,7 @@ def _headline(groups: Sequence[Sequence[Replay]], against: str) -> Markup:
     for group in groups:
         after, before = (pooled_rmse(group, after=a) for a in (True, False))
         scale = scale_for(group[0].unit, [after])
-        noise = float(np.sqrt(np.nanmean(np.concatenate([r.noise for r in group]) ** 2)))
+        noise = known_rms([r.noise for r in group])
         moved = math.sqrt(float(np.nanmean([np.nanvar(r.measured, axis=0).mean() for r in group])))
         beside = [("measurement noise", f"{scale.text(noise, 2)} {scale.unit}"),
                   ("of the motion itself", f"{100 * after / moved:.2g} %" if moved else "–"),
@@ -113,9 +114,8 @@ def errors_of(replays: Sequence[Replay]) -> tuple[float, float, float]:
     """Root mean square, mean size, and root mean square at the end, of replays in one unit."""
     error = np.concatenate([np.abs(r.after - r.measured).ravel() for r in replays])
     error = error[np.isfinite(error)]
-    ends = np.concatenate([r.end_after() for r in replays])
     mean = float(error.mean()) if error.size else math.nan
-    return pooled_rmse(replays, after=True), mean, _rms(ends)
+    return pooled_rmse(replays, after=True), mean, known_rms([r.end_after() for r in replays])
 
 
 def ahead_of(ahead: Sequence[Ahead], seen: set[tuple[str, str]], count: int) -> list[float]:
@@ -124,18 +124,13 @@ def ahead_of(ahead: Sequence[Ahead], seen: set[tuple[str, str]], count: int) -> 
     for h in range(count):
         parts = [a.errors[:, h, k] for a in ahead for k, label in enumerate(a.labels)
                  if (a.recording, label) in seen and h < len(a.horizons)]  # fmt: skip
-        found.append(_rms(np.concatenate(parts)) if parts else math.nan)
+        found.append(known_rms(parts))
     return found
 
 
 def _made(notes: Sequence[str], context: Mapping[str, str]) -> Markup:
     said = tag("ul", [tag("li", note) for note in notes], class_="sentences") if notes else None
     return join([x for x in (said, context_table(context)) if x])
-
-
-def _rms(values: np.ndarray) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
 
 
 def scale_of(replays: Sequence[Replay]) -> Scale:

@@ -90,7 +90,7 @@ def pooled_score(replays: Sequence[Replay]) -> Score:
     before = [(r.before - r.measured).ravel() for r in replays]
     after = [(r.after - r.measured).ravel() for r in replays]
     noise = [np.broadcast_to(noise_of(r), r.measured.shape)[np.isfinite(r.measured)] for r in replays]
-    return Score(_rms(before), _rms(after), _rms(noise, every=True))
+    return Score(known_rms(before), known_rms(after), known_rms(noise, every=True))
 
 
 def amounts(score: Score, scale: Scale) -> str:
@@ -103,7 +103,7 @@ def column_score(replay: Replay, column: int) -> Score:
     """The score of one column."""
     measured = replay.measured[:, column]
     before, after = replay.before[:, column] - measured, replay.after[:, column] - measured
-    return Score(_rms([before]), _rms([after]), float(noise_of(replay)[column]))
+    return Score(known_rms([before]), known_rms([after]), float(noise_of(replay)[column]))
 
 
 def noise_of(replay: Replay) -> Array:
@@ -135,14 +135,14 @@ def broken_off(replay: Replay, *, after: bool) -> float | None:
 def signal_size(replay: Replay) -> float:
     """Root mean square of what was measured about each column's mean, pooled; NaN without samples."""
     columns = [c[np.isfinite(c)] for c in replay.measured.T]
-    return _rms([c - c.mean() for c in columns if c.size])
+    return known_rms([c - c.mean() for c in columns if c.size])
 
 
 def _rise(score: Score) -> float:
     return math.inf if math.isnan(score.after) else score.after - score.before
 
 
-def _rms(errors: Sequence[Array], *, every: bool = False) -> float:
+def known_rms(errors: Sequence[Array], *, every: bool = False) -> float:
     """Root mean square of the finite values; NaN if there are none, or with `every` if one is missing."""
     values = np.concatenate([np.zeros(0), *errors])
     finite = values[np.isfinite(values)]
