@@ -196,6 +196,10 @@ class ParameterSpace:
         values[..., self.free] = np.where(log, np.exp(np.where(log, inside, 0.0)), inside)
         return values
 
+    def named(self, unit: ArrayLike) -> list[dict[str, float]]:
+        """Values by name of points of the unit box (b, n_free)."""
+        return [dict(zip(self.names, row, strict=True)) for row in self.from_unit(unit).tolist()]
+
     def unit_slope(self, values: ArrayLike) -> Array:
         """(n_free,) d value / d unit at `values` (n,): turns a covariance of the unit box into the parameters' units."""
         given = self._checked(values)[self.free]

@@ -30,8 +30,7 @@ def anywhere(problem: Problem, parameters: Sequence[Parameter], fixed: Mapping[s
     while not search.done:
         points = search.ask()
         search.tell(points, _errors(coarse, space, points, fixed))
-    best = space.from_unit(search.best[0][None])[0].tolist()
-    return widening(problem, parameters, {**fixed, **dict(zip(space.names, best, strict=True))}, WINDOWS[1:])
+    return widening(problem, parameters, {**fixed, **space.named(search.best[0][None])[0]}, WINDOWS[1:])
 
 
 _LIMITS = ("full_error", "force_limit", "speed_limit", "acceleration_limit")
@@ -40,7 +39,6 @@ _LIMITS = ("full_error", "force_limit", "speed_limit", "acceleration_limit")
 def _errors(problem: Problem, space: ParameterSpace, points: Array, fixed: Mapping[str, float]) -> Array:
     """(b,) mean absolute errors in rad, each run counting alike; inf where a replay fails."""
     errors = np.empty(len(points))
-    for k, row in enumerate(space.from_unit(points).tolist()):
-        values = {**fixed, **dict(zip(space.names, row, strict=True))}
-        errors[k] = np.mean([np.mean(np.abs(problem.misses(values, run))) for run in problem.runs])
+    for k, row in enumerate(space.named(points)):
+        errors[k] = np.mean([np.mean(np.abs(problem.misses({**fixed, **row}, run))) for run in problem.runs])
     return np.where(np.isfinite(errors), errors, np.inf)

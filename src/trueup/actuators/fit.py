@@ -17,6 +17,7 @@ from trueup.errors import CalibrationError
 from trueup.evidence import FEWEST_PARTS
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.rounding import NEGLIGIBLE, TINY
+from trueup.samples import rms
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.trial import STEP
@@ -86,7 +87,7 @@ class Problem:
         for b, (block, values) in enumerate(zip(self.blocks, each, strict=True)):
             run = self.runs[block.run]
             misses = self.misses(values, run)[block.samples]
-            errors[b] = np.sqrt(np.mean(misses**2))
+            errors[b] = rms(misses)
         return np.where(np.isfinite(errors), errors, np.inf)
 
 
@@ -101,13 +102,11 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
         np.clip(begin, 0.0, 1.0), ranges, max_iterations=iterations, confirm=without is None, nudge=_NUDGE
     )
 
-    def named(points: Array) -> list[dict[str, float]]:
-        return [{**fixed, **dict(zip(space.names, row, strict=True))} for row in space.from_unit(points).tolist()]
-
     while not search.done:
         points = search.ask()
-        search.tell(points, problem.residuals(named(points), without, window))
-    return Found(named(search.best[0][None])[0], search.best[1], search.delta, tuple(parameters))
+        search.tell(points, problem.residuals([fixed | row for row in space.named(points)], without, window))
+    best = fixed | space.named(search.best[0][None])[0]
+    return Found(best, search.best[1], search.delta, tuple(parameters))
 
 
 def widening(
@@ -140,8 +139,7 @@ class Slopes:
         here = space.to_unit([found.values[n] for n in space.names])
         n = len(here)
         points = np.clip(np.concatenate([here[None], here + _APART * np.eye(n), here - _APART * np.eye(n)]), 0.0, 1.0)
-        rows = [dict(zip(space.names, row, strict=True)) for row in space.from_unit(points).tolist()]
-        misses = problem.residuals([{**found.values, **r} for r in rows])
+        misses = problem.residuals([{**found.values, **row} for row in space.named(points)])
         root = np.sqrt(robust_weights(misses[0], found.bend))
         moved = np.diag(points[1 : n + 1] - points[n + 1 :])
         return cls(root * misses[0], (misses[1 : n + 1] - misses[n + 1 :]).T / moved * root[:, None], root)

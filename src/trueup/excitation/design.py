@@ -19,6 +19,7 @@ from trueup.excitation.trajectories import RATE, Motions, Trajectory
 from trueup.search.evolution import Evolution
 from trueup.search.genetic import Genetic
 from trueup.search.quasi_newton import QuasiNewton
+from trueup.search.search import Search
 
 Method = Literal["genetic", "quick"]
 Penalty = Callable[[Motions, int], Array]
@@ -168,11 +169,7 @@ def _generations(run: _Run) -> Array:
     options = run.options
     start = np.random.default_rng(options.seed).uniform(size=run.kind.size)
     search = Genetic(start, seed=options.seed, population=options.population, generations=options.generations)
-    while not search.done and not run.over and search.best[1] > options.target:
-        candidates = search.ask()
-        search.tell(candidates, run.losses(candidates, options.samples))
-        run.note(search.best[1], run.evaluations / (options.population * options.generations))
-    return search.best[0]
+    return _searched(run, search, options.samples, lambda done: done / (options.population * options.generations))
 
 
 def _quick(run: _Run, given: Array | None) -> Array:
@@ -194,20 +191,18 @@ def _quick(run: _Run, given: Array | None) -> Array:
     run.note(float(np.nanmin(losses)), 0.02)
     sigma, most = (0.3, options.candidates) if given is None else (0.05, options.candidates // 4)
     search = Evolution(begin, seed=options.seed, sigma=sigma, population=40, most=most)
-    while not search.done and not run.over and search.best[1] > options.target:
-        candidates = search.ask()
-        search.tell(candidates, run.losses(candidates, coarse))
-        run.note(search.best[1], 0.9 * run.evaluations / options.candidates)
-    return _climb(run, search.best[0], min(2 * coarse, options.samples), 40, 0.95)[1]
+    best = _searched(run, search, coarse, lambda done: 0.9 * done / options.candidates)
+    climb = QuasiNewton(best, most=40, tolerance=1e-5)
+    return _searched(run, climb, min(2 * coarse, options.samples), lambda _: 0.95)
 
 
-def _climb(run: _Run, genes: Array, samples: int, most: int, share: float) -> tuple[float, Array]:
-    search = QuasiNewton(genes, most=most, tolerance=1e-5)
-    while not search.done and not run.over and (search.best[1] > run.options.target):
+def _searched(run: _Run, search: Search, samples: int, share: Callable[[int], float]) -> Array:
+    """The best that a search comes to before it is done or the budget is spent; `share` of the whole by evaluations."""
+    while not search.done and not run.over and search.best[1] > run.options.target:
         candidates = search.ask()
         search.tell(candidates, run.losses(candidates, samples))
-        run.note(search.best[1], share)
-    return search.best[1], search.best[0]
+        run.note(search.best[1], share(run.evaluations))
+    return search.best[0]
 
 
 def _nothing(kind: MotionClass, motions: Motions) -> str:

@@ -164,8 +164,7 @@ def _shapes(feasibility: Feasibility) -> Proxies:
 
 def home(limits: JointLimits, feasibility: Feasibility, joints: tuple[str, ...], rng: np.random.Generator) -> Array:
     """(n,) a posture far from collisions and from the ends of the ranges, with room around it."""
-    half = np.minimum(0.5 * (limits.upper - limits.lower), np.pi)
-    middle = 0.5 * (limits.upper + limits.lower)
+    middle, half = limits.middle, limits.reach
     q = middle + rng.uniform(-0.6, 0.6, (600, len(joints))) * half
     q[0] = middle
     if feasibility.clearance is None:
@@ -197,8 +196,7 @@ def _free(
     if feasibility.cell is not None:
         middle, half = joint_box(feasibility.cell)
     else:
-        middle = home(limits, feasibility, joints, rng)
-        half = np.minimum(0.5 * (limits.upper - limits.lower), np.pi)
+        middle, half = home(limits, feasibility, joints, rng), limits.reach
     blocking = ""
     for share in _SHARES:
         lower, upper = np.maximum(limits.lower, middle - share * half), np.minimum(limits.upper, middle + share * half)

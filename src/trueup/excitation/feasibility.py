@@ -15,7 +15,7 @@ from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.rounding import NEGLIGIBLE, PRINTED
-from trueup.samples import between
+from trueup.samples import between, rms
 
 _STEP = 0.02
 """rad (m): how far no joint moves further from one checked posture to the next."""
@@ -91,14 +91,13 @@ class Feasibility:
     def joint_problems(self, trajectory: Trajectory) -> tuple[Problem, ...]:
         """Range, speed, acceleration and torque of each joint, at every sample."""
         t, limits = trajectory, self.limits
-        middle, half = 0.5 * (limits.upper + limits.lower), 0.5 * (limits.upper - limits.lower)
-        found = _over("range", "rad", t, np.abs(t.q - middle), half, shown=t.q)
+        found = _over("range", "rad", t, np.abs(t.q - limits.middle), limits.half, shown=t.q)
         found += _over("speed", "rad/s", t, np.abs(t.qd), limits.speed)
         found += _over("acceleration", "rad/s^2", t, np.abs(t.qdd), limits.acceleration)
         if (torque := self.torque(t)) is not None:
             most, nominal = (np.where(np.isnan(x), np.inf, x) for x in (limits.peak, limits.torque))
             found += _over("torque", "N m", t, np.abs(torque), most)
-            lasting = np.broadcast_to(np.sqrt(np.mean(torque**2, axis=0)), torque.shape)
+            lasting = np.broadcast_to(rms(torque), torque.shape)
             found += _over("root mean square torque", "N m", t, lasting, nominal)
         return tuple(found)
 

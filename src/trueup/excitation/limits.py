@@ -55,6 +55,21 @@ class JointLimits:
         """(n,) torque that is never exceeded."""
         return self.torque if self.given_peak is None else self.given_peak
 
+    @property
+    def middle(self) -> Array:
+        """(n,) of the ranges."""
+        return 0.5 * (self.lower + self.upper)
+
+    @property
+    def half(self) -> Array:
+        """(n,) how far the ranges go to either side of their middle."""
+        return 0.5 * (self.upper - self.lower)
+
+    @property
+    def reach(self) -> Array:
+        """(n,) how far a motion about the middle may go: half of the range, half a turn at most."""
+        return np.minimum(self.half, np.pi)
+
     def values(self) -> dict[str, Array]:
         """Field -> (n,), in the order of `FIELDS`."""
         return {name: getattr(self, name) for name in FIELDS}
@@ -144,9 +159,8 @@ class JointLimits:
 
     def within(self, *, range_share: float = 1.0, speed_share: float = 1.0) -> JointLimits:
         """Narrower limits: a share of each range about its middle, a share of the speeds."""
-        middle, half = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
-        half = np.maximum(half * range_share, 1e-3)
-        return replace(self, lower=middle - half, upper=middle + half, speed=self.speed * speed_share)
+        half = np.maximum(self.half * range_share, 1e-3)
+        return replace(self, lower=self.middle - half, upper=self.middle + half, speed=self.speed * speed_share)
 
 
 def _listed(names: tuple[str, ...], chosen: Mask) -> str:

@@ -87,9 +87,8 @@ class Sines:
 
     @property
     def _range(self) -> tuple[Array, Array]:
-        half = 0.5 * (self.limits.upper - self.limits.lower)
-        middle = 0.5 * (self.limits.upper + self.limits.lower) if self.middle is None else np.asarray(self.middle)
-        return middle, np.minimum(half, np.pi) if self.reach is None else np.asarray(self.reach)
+        middle = self.limits.middle if self.middle is None else np.asarray(self.middle)
+        return middle, self.limits.reach if self.reach is None else np.asarray(self.reach)
 
     @property
     def _rates(self) -> tuple[float, Array]:
@@ -133,7 +132,7 @@ class Fourier:
         a = c[..., :H] - c[..., :H].mean(axis=-1, keepdims=True)
         b = c[..., H:] - (c[..., H:] @ k)[..., None] * k / (k @ k)
         c = np.concatenate([a, b], axis=-1)
-        middle, half = 0.5 * (self.limits.upper + self.limits.lower), 0.5 * (self.limits.upper - self.limits.lower)
+        middle, half = self.limits.middle, self.limits.half
         aside = _ASIDE * (2.0 * each[..., -1] - 1.0)
         # The squares keep both the place and the room around it smooth, and within the range together.
         scale = self._scale(c, half * (1.0 - aside**2)) * (self.least + (1.0 - self.least) * each[..., -2])

@@ -18,7 +18,7 @@ from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
 from trueup.rounding import PRINTED
-from trueup.samples import stretches_of
+from trueup.samples import rms, stretches_of
 from trueup.trial import Observed, Trial
 
 POINTS = ("front", "rear")
@@ -146,7 +146,7 @@ class FollowPath:
         lawful, done = self._along(rollout, row, settings, path)
         if not len(done):
             return 0.0, 0.0
-        return float(np.sqrt(np.mean((done - lawful) ** 2))), float(np.sqrt(np.mean(lawful**2)))
+        return float(rms(done - lawful)), float(rms(lawful))
 
     def _along(self, rollout: Rollout, row: int, settings: Array, path: Path) -> tuple[Array, Array]:
         """(n,) steering by the law with `settings` (m,) along a run, and as it was commanded, each the mean of a second."""

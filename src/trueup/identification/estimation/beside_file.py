@@ -19,6 +19,7 @@ from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import inverse_dynamics
 from trueup.rounding import TINY
+from trueup.samples import rms
 
 _SEEN = 0.1
 """Of a joint's torque that its links are to make, by the file or by the logs: below it friction decides what they seem to."""
@@ -127,7 +128,7 @@ def _compared(logs: Sequence[Log], tree: KinematicTree) -> dict[int, _Beside]:
         columns = np.column_stack([weight[:, j], links[:, j] - weight[:, j], *beside])
         parts = [_multiples(x, torque[:, j]) for x in (columns, np.column_stack([links[:, j], *beside]))]
         (both, each), (one, each_one) = parts
-        size = max(float(np.sqrt(np.mean(torque[:, j] ** 2))), TINY)
+        size = max(float(rms(torque[:, j])), TINY)
         spread = np.std(np.column_stack([columns[:, :2], links[:, j]]), axis=0)  # what is constant an offset takes up
         found[j] = _Beside(np.append(both[:2], one[0]), np.column_stack([each[:, :2], each_one[:, 0]]), spread / size)
     return found
@@ -135,7 +136,7 @@ def _compared(logs: Sequence[Log], tree: KinematicTree) -> dict[int, _Beside]:
 
 def _multiples(columns: Array, torque: Array) -> tuple[Array, Array]:
     """(k,) multiples of columns (S, k) that come nearest to a torque (S,), and (K, k) the same without one stretch each."""
-    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), TINY)
+    scale = np.maximum(rms(columns), TINY)
     parts = list(zip(np.array_split(columns / scale, TIME_BLOCKS), np.array_split(torque, TIME_BLOCKS), strict=True))
     gram, cross = np.array([x.T @ x for x, _ in parts]), np.array([x.T @ y for x, y in parts])
     whole, less = (gram.sum(axis=0), cross.sum(axis=0)), (without_each(gram), without_each(cross))

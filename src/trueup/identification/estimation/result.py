@@ -12,6 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.rounding import TINY
+from trueup.samples import rms
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.file_fit import FileFit
@@ -169,7 +170,7 @@ class Identification:
 
     def cross_validated(self) -> float:
         """Root mean squared error over all joints and blocks."""
-        return float(np.sqrt(np.mean(self.cross_validation**2))) if self.cross_validation.size else math.nan
+        return float(rms(self.cross_validation, axis=None)) if self.cross_validation.size else math.nan
 
 
 def relative_error(predictions: Sequence[Prediction], which: str = "fitted") -> float:
@@ -187,12 +188,12 @@ def relative_error(predictions: Sequence[Prediction], which: str = "fitted") -> 
 def rmse(predictions: Sequence[Prediction], which: str = "fitted") -> Array:
     """(n,) root mean squared error of each joint, N m (N)."""
     errors = np.concatenate([p.measured - getattr(p, which) for p in predictions])
-    return np.sqrt(np.mean(errors**2, axis=0))
+    return rms(errors)
 
 
 def relative_errors(predictions: Sequence[Prediction], which: str = "fitted") -> Array:
     """(n,) the relative error of each joint."""
-    size = np.sqrt(np.mean(np.concatenate([p.measured for p in predictions]) ** 2, axis=0))
+    size = rms(np.concatenate([p.measured for p in predictions]))
     return rmse(predictions, which) / np.maximum(size, TINY)
 
 

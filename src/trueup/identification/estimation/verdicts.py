@@ -15,6 +15,7 @@ from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.result import Parameter
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
+from trueup.samples import rms
 
 SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""
@@ -100,7 +101,7 @@ def _motions(model: DynamicModel, rng: np.random.Generator) -> dict[str, Array]:
 
     def seen(v: Array, a: Array) -> Array:
         shares = part.rows(np.arange(trials, dtype=float), q, v, a).dense() / load
-        return np.sqrt(np.mean(shares**2, axis=(0, 1)))
+        return rms(shares, axis=(0, 1))
 
     gravity = seen(still, still)
     shown = {"Hold or slowly move through many different poses: gravity shows it": gravity}

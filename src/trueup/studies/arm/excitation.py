@@ -84,7 +84,7 @@ class Workshop:
     def mixed(self, seconds: float, rng: np.random.Generator) -> list[Trajectory]:
         """Ours: the mix of classes and speeds that `trueup excite` gives, over the whole range and in the region."""
         hard = replace(self.limits, acceleration=_HARDER * self.limits.acceleration)
-        middle, length = 0.5 * (self.limits.lower + self.limits.upper), class_length(seconds)
+        middle, length = self.limits.middle, class_length(seconds)
         wide = wide_classes(self.limits, middle, length=length, rate=RATE)
         abrupt = wide_classes(hard, middle, length=length, rate=RATE)["abrupt moves"]
         local = ToolMoves(self.cell, FAST, rate=RATE)
