@@ -18,6 +18,16 @@ _REACH = 0.25  # s to either side: what lies further off says nothing of an inst
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
 
 
+CUBIC = 0.08
+"""s that a cubic is laid through for speeds and accelerations: five samples of a servo bus at 50 Hz."""
+MOVING = 3.0
+"""Standard deviations of a speed's noise from which on something moves."""
+HARDLY = 0.05
+"""Of the fastest speed: what is slower hardly moves, and noise decides the sign of its speed."""
+STILL = 0.02
+"""rad (m): a joint that goes less far rests."""
+
+
 @dataclass(frozen=True, eq=False)
 class Instant:
     """Values and speeds (k,) of a channel's labels at one instant, with standard deviations; NaN where unmeasured."""
@@ -31,6 +41,31 @@ class Instant:
 def usual_step(time: Array) -> float:
     """The usual time between samples at (T,) instants, in s: the median, which gaps and jitter do not move."""
     return float(np.median(np.diff(time)))
+
+
+def samples_of_cubic(step: float) -> int:
+    """How many samples, `step` s apart, each part of a `moving_cubic` is laid through: an odd number, more than decide it."""
+    return 2 * max(round(0.5 * CUBIC / step), 2) + 1
+
+
+def moving_cubic(values: Array, step: float) -> Array:
+    """(3, T, ...) samples (T, ...) that lie `step` s apart, smoothed, their rates and the rates of these.
+
+    A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964; of few samples by one polynomial through all.
+    """
+    from scipy.signal import savgol_filter  # takes long to import
+
+    window = min(samples_of_cubic(step), len(values) - 1 + len(values) % 2)
+    degree = min(3, window - 1)
+    each = (savgol_filter(values, window, degree, deriv=order, delta=step, axis=0) for order in range(3))
+    return np.stack([np.asarray(values, dtype=np.float64) for values in each])
+
+
+def rate_noise(step: float) -> float:
+    """Standard deviation of a rate of a `moving_cubic` through samples of which the noise is one."""
+    from scipy.signal import savgol_coeffs
+
+    return float(np.linalg.norm(savgol_coeffs(samples_of_cubic(step), 3, deriv=1, delta=step)))
 
 
 @lru_cache(maxsize=4096)

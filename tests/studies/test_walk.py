@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from trueup.controllers.walk_engine.requests import REQUESTS, requests
 from trueup.ends import ended
 from trueup.engines.mujoco.model import load
-from trueup.errors import SimulationFailedError, UnknownNameError
+from trueup.errors import UnknownNameError
 from trueup.recording import Channel, Recording
-from trueup.studies.walk.explore import exploration
 from trueup.studies.walk.robot import StandInNao, Truth
 from trueup.studies.walk.scenes import MOTORS, NAO, SIMSPARK, simulator, task
 from trueup.tasks.omni_walk import OmniWalk
@@ -160,24 +159,6 @@ def test_the_walk_goes_where_it_is_asked_to() -> None:
     assert abs(yaw[0]) < 0.5
     assert np.unwrap(done[1].channels["base_orientation"][0, :, 2])[-1] > 1.5
     assert np.unwrap(done[2].channels["base_orientation"][0, :, 2])[-1] < -1.5
-
-
-def test_what_was_asked_of_a_simulated_walk_explores_the_robot() -> None:
-    trial = exploration(simulator(threads=1), task().parameters.nominal, stretch=0.2)
-    asked = trial.references[REQUESTS].values
-    assert np.all(asked[:, 2] == 0.0)
-    assert np.ptp(asked[:, 1]) > 0.5
-    assert np.ptp(asked[:, 3]) > 0.5
-    assert np.abs(asked[:, 1:]).max() <= 0.67 + 1e-9
-    (run,) = StandInNao(truth(0), threads=1, log=50.0).perform(trial)
-    assert run.duration == pytest.approx(trial.duration, abs=0.05)
-    assert ended(run) is None
-    yaw = np.unwrap(run.channel("base_orientation").column("yaw"))
-    assert np.ptp(yaw) > 0.5
-    fragile, space = task().parameters.nominal.copy(), task().parameters
-    fragile[[space.index("amp_swing"), space.index("phi_short")]] = 0.35, 0.6
-    with pytest.raises(SimulationFailedError, match="gentler walk"):
-        exploration(simulator(threads=1), fragile, share=1.0)
 
 
 def test_the_walk_goes_through_its_course_in_the_simulator() -> None:

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from trueup.actuators.bench import Run
 from trueup.arrays import Array
 from trueup.evidence import half_interval, jackknife
-from trueup.instant import usual_step
+from trueup.instant import MOVING, moving_cubic, rate_noise, samples_of_cubic, usual_step
 from trueup.rounding import TINY
-
-_CUBIC = 0.06  # s that a cubic is laid through for speed and acceleration
-_MOVES = 4.0  # times the noise of the speed from which on a joint moves
 
 
 @dataclass(frozen=True)
@@ -125,16 +121,12 @@ def _rows(run: Run, full_error: float) -> Array:
     """(n, 6) error, speed, its sign, acceleration, sine of the angle from hanging, torque of the load."""
     dt = usual_step(run.time)
     grid = np.arange(0.0, run.time[-1], dt)
-    window = max(2 * round(0.5 * _CUBIC / dt) + 1, 5)
-    if len(grid) <= window:
+    if len(grid) <= samples_of_cubic(dt):
         return np.zeros((0, 6))
-    place = np.interp(grid, run.time, run.position)
-    q, v, a = (np.asarray(savgol_filter(place, window, 3, deriv=k, delta=dt)) for k in range(3))
+    q, v, a = moving_cubic(np.interp(grid, run.time, run.position), dt)
     at = run.given(grid)
     error = run.gain * (run.command[at] - q)
-    # a cubic through n samples: the noise of its slope (A. Savitzky, M. Golay 1964)
-    steady = run.noise * np.sqrt(12.0 / window**3) / dt
-    good = run.on[at] & (np.abs(v) > _MOVES * steady) & (np.abs(error) < full_error)
+    good = run.on[at] & (np.abs(v) > MOVING * rate_noise(dt) * run.noise) & (np.abs(error) < full_error)
     rise = np.sin(q - run.bench.hangs_at)
     load = run.bench.about_axis * a + run.bench.moment * rise
     return np.stack([error, v, np.sign(v), a, rise, load], axis=1)[good]

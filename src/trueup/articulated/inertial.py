@@ -17,7 +17,7 @@ from trueup.recording import Channel, Recording
 from trueup.samples import between, is_unit
 from trueup.units import GRAVITY, to_si
 
-_CALM = 1.0  # s over which steps and pushes average out, and gravity stays
+CALM = 1.0  # s over which steps and pushes average out, and gravity stays
 _TURN = 0.2  # s over which turns are compared: noise of an orientation is small beside them, and no gait is as quick
 _FASTEST = 35.0
 """rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
@@ -124,7 +124,7 @@ def _acceleration(name: str, recordings: Sequence[Recording]) -> tuple[str, str]
 
 def _calm(channel: Channel) -> Array:
     """(n,) lengths of an accelerometer's mean over stretches of a second; (1,) over all of a shorter one."""
-    pieces = np.floor((channel.time - channel.time[0]) / _CALM).astype(int)
+    pieces = np.floor((channel.time - channel.time[0]) / CALM).astype(int)
     means = [np.nanmean(channel.values[pieces == k], axis=0) for k in np.unique(pieces)]
     return np.linalg.norm(means, axis=1)
 

@@ -17,6 +17,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import ModelError, RecordingError, unknown_name
 from trueup.recording import Channel, Recording
+from trueup.samples import between
 from trueup.trial import Trial
 
 _STEP = 1e-3  # s
@@ -137,7 +138,7 @@ class StandInArm:
             channels["command_sent"] = sent
         for role, o in trial.observed.items():
             truth = position if role == "position" else velocity
-            values = np.stack([np.interp(o.time, time, truth[:, self.joints.index(x)]) for x in o.labels], axis=1)
+            values = between(o.time, time, truth[:, [self.joints.index(x) for x in o.labels]])
             scale = self._noise if role == "position" else 20.0 * self._noise
             values = values + scale * rng.standard_normal(values.shape)
             if role == "position":

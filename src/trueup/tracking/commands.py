@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
+from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import command_of
@@ -33,7 +34,6 @@ _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "curvature", "turn")
 _IDLE = 0.02
 """Share of the full command below which neither motor nor steering answers (dead bands, play): a car is not driven so."""
-_STANDS = 0.05  # share of the greatest commanded speed: below, a turn rate says no wheel angle
 
 
 def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
@@ -73,7 +73,7 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     throttle, steering, *brake = (held(p, time) for p in parts)
     turned = steer in (found.get("turn"), found.get("curvature")) and wheelbase > 0.0
     if turned and steer is found.get("turn"):
-        moving = np.abs(throttle) > _STANDS * np.nanmax(np.abs(throttle), initial=0.0)
+        moving = np.abs(throttle) > HARDLY * np.nanmax(np.abs(throttle), initial=0.0)
         steering = np.where(moving, steering / np.where(moving, throttle, 1.0), 0.0)
     steering = np.arctan(wheelbase * steering) if turned else steering
     throttle = throttle - brake[0] if brake else throttle
@@ -140,7 +140,7 @@ def turned_on_the_spot(recording: Recording) -> float:
     time = found["turn"].time
     turns, speeds = (np.abs(held(found[label], time)) for label in ("turn", "speed"))
     most = [max(float(np.nanmax(x, initial=0.0)), ROUNDED) for x in (turns, speeds)]
-    return float(np.mean((turns > _STANDS * most[0]) & (speeds <= _STANDS * most[1])))
+    return float(np.mean((turns > HARDLY * most[0]) & (speeds <= HARDLY * most[1])))
 
 
 def signals(recording: Recording) -> dict[str, Channel]:

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.instant import MOVING
 from trueup.rounding import ROUNDED
 
 SPEED_WINDOW = (
     0.25  # s: a line through the car's own forward and sideways speed, which change more slowly than its pose
 )
 _FEWEST = 4  # samples in it
-_SURE = 3.0  # standard errors of a speed that is one
 _SLOWER = 0.1  # share of its speed at the window's end below which what moves then has begun within it
 
 
@@ -39,5 +39,8 @@ def _goes(since: Array, signals: Array, degree: int) -> bool:
     inverse = np.linalg.pinv(powers)
     found = inverse @ signals
     spread = np.sqrt(np.sum((signals - powers @ found) ** 2, axis=0) / (len(since) - degree - 1))
-    unsure, end = _SURE * spread * float(np.linalg.norm(inverse[1])), found[1] + 2.0 * since[-1] * found[2:].sum(axis=0)
+    unsure, end = (
+        MOVING * spread * float(np.linalg.norm(inverse[1])),
+        found[1] + 2.0 * since[-1] * found[2:].sum(axis=0),
+    )
     return bool(np.any(found[1] * np.sign(end) > np.maximum(unsure, _SLOWER * np.abs(end)) + ROUNDED))

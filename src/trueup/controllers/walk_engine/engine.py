@@ -115,11 +115,6 @@ class WalkEngine:
         self._asked = np.zeros((len(given), 3))
         self._from = np.zeros((len(given), 2, 6))
 
-    @property
-    def asked(self) -> Array:
-        """(b, 3) the request that is followed now: forward, left, turn."""
-        return self._asked
-
     def reset(self, observation: Observation) -> None:
         """Begins at the pose that the legs are in."""
         self._asked = np.zeros_like(self._asked)

@@ -92,24 +92,20 @@ class MujocoSimulator:
         """The same simulator with other nominal values or frozen flags (names and order must stay)."""
         if space.names != self.parameters.names:
             raise ModelError("with_parameters needs the same parameters in the same order")
-        twin = object.__new__(MujocoSimulator)
-        twin.__dict__.update(self.__dict__)
-        twin.parameters = space
-        return twin
+        return self._changed(parameters=space)
 
     def with_gains(self, gains: Gains) -> MujocoSimulator:
         """The same simulator for recordings that say other things of the servos' settings."""
-        twin = object.__new__(MujocoSimulator)
-        twin.__dict__.update(self.__dict__)
-        twin.gains = gains
-        return twin
+        return self._changed(gains=gains)
 
     def at_step(self, step: float) -> MujocoSimulator:
         """The same simulator with another step, in s: coarser for a first search, finer to verify."""
+        return self._changed(step=step, batches=self.batches.at_step(step))
+
+    def _changed(self, **changes: object) -> MujocoSimulator:
+        """A twin with some attributes of its own; it shares what was compiled."""
         twin = object.__new__(MujocoSimulator)
-        twin.__dict__.update(self.__dict__)
-        twin.step = step
-        twin.batches = self.batches.at_step(step)
+        twin.__dict__.update(self.__dict__ | changes)
         return twin
 
     def approximation(self, trials: Sequence[Trial]) -> Simulator | None:

@@ -13,9 +13,10 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import IdentificationError, listed
 from trueup.evidence import HALVED, evidence
-from trueup.identification.estimation.motion import STILL, Log, Motion
+from trueup.identification.estimation.motion import Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.ranges import shorter
+from trueup.instant import STILL
 from trueup.units import FURTHEST_TURN
 
 DOUBTFUL, POOR = 0.1, 0.35

@@ -9,13 +9,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.errors import UnknownNameError, unknown_name
-from trueup.identification.estimation.motion import STILL
 from trueup.identification.estimation.torque_choice import with_one_torque
 from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.joint_names import plain_name as plain_name
 from trueup.inspection.joint_names import sure_names
 from trueup.inspection.scattered import gathered
+from trueup.instant import STILL
 from trueup.recording import Recording
 
 _CHANNELS = ("position", "velocity", "torque", "current", "load")

@@ -25,6 +25,7 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.inspection.spikes import without_spikes
 from trueup.inspection.turns import unwrapped
+from trueup.instant import STILL
 from trueup.recording import Channel, Recording, warnings_of
 
 TORQUES = ("torque", "current", "load")
@@ -37,8 +38,6 @@ _RESTING = 0.01
 """Of the top speed: slower samples at either end of a log are standstill."""
 _COMPARED = 5.0
 """Samples per second that are compared, over the cut-off."""
-STILL = 0.02
-"""rad (m): a joint that moves less shows no dynamics."""
 _ARRAYS = ("time", "q", "v", "a", "torque")
 
 

@@ -31,7 +31,7 @@ from trueup.identification.inertial import about_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import link_poses
 from trueup.identification.torque_model import TorqueModel
-from trueup.instant import usual_step
+from trueup.instant import HARDLY, usual_step
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.motion import Piece, Torque
@@ -41,8 +41,6 @@ _MANY = 0.4
 """Share of combinations not seen from which on the whole is in doubt."""
 _FAR = 3.0
 """Times the fitted error: held-out motion of another kind."""
-_STANDING = 0.05
-"""Of a joint's top speed: what is slower hardly turns."""
 _COSTLY = 1.02
 """Of the unconstrained error: a consistent model that is worse than this is worth a word."""
 
@@ -183,7 +181,7 @@ def unlike(fitted: Sequence[Prediction], held: Sequence[Prediction]) -> str:
     square = np.concatenate([p.measured - p.fitted for p in held]) ** 2
     square = square / np.mean(np.concatenate([p.measured for p in held]) ** 2, axis=0)  # joints as far as they are off
     low, high = np.quantile(known[0], [0.005, 0.995], axis=0)
-    slow, fast = np.quantile(known[1], 0.99, axis=0) * _STANDING, np.quantile(known[1], 0.995, axis=0)
+    slow, fast = np.quantile(known[1], 0.99, axis=0) * HARDLY, np.quantile(known[1], 0.995, axis=0)
     kinds = (
         ("where joints hardly turn", "slow moves with reversals and pauses", lambda q, v: v < slow),
         ("where joints are faster than any fitted", "moves that fast", lambda q, v: v > fast),

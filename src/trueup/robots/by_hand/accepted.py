@@ -92,18 +92,17 @@ class Accepted:
         runs = [vars(r) for r in self.complete(trial)] if outcome == "done" else []
         _write(self._folder / trial / _OUTCOME, {"outcome": outcome, "runs": runs, "note": note})
 
-    def set_aside(self, trial: str, items: Sequence[Path], *, runs: bool) -> None:
+    def set_aside(self, trial: str, items: Sequence[Path]) -> None:
         """Moves the operator's files that do not count out of the way; nothing is deleted. Raises OutputError."""
         folder = self._folder / trial / _ASIDE
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            if runs:
-                for record in sorted((self._folder / trial).glob("run-*.json")):
-                    plain = kept_state(record)
-                    log = self._folder / trial / _run(plain).path if plain else None
-                    if log is not None and log.exists():
-                        os.rename(log, folder / _free(folder, log.name))
-                    os.rename(record, folder / _free(folder, record.name))
+            for record in sorted((self._folder / trial).glob("run-*.json")):
+                plain = kept_state(record)
+                log = self._folder / trial / _run(plain).path if plain else None
+                if log is not None and log.exists():
+                    os.rename(log, folder / _free(folder, log.name))
+                os.rename(record, folder / _free(folder, record.name))
             for item in items:
                 os.rename(item, folder / _free(folder, item.name))
             sync_folder(folder)

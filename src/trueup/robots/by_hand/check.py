@@ -14,6 +14,7 @@ from trueup.inspection.unmeasured import unmeasured
 from trueup.recording import Channel, Recording, is_command
 from trueup.robots.by_hand.drive import unlike_a_vehicle, unlike_its_path
 from trueup.rounding import ROUNDED
+from trueup.samples import rms
 from trueup.trial import Trial
 
 _SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
@@ -108,12 +109,12 @@ def _followed(asked: Channel, recording: Recording, trial: Trial) -> list[str]:
 def _as_asked(asked: Channel, done: Channel) -> list[str]:
     request, sent = side_by_side(asked, done)
     spread = np.maximum(request.std(axis=0), 1e-3 * max(ROUNDED, float(request.std())))
-    off = np.sqrt(np.mean((sent - request) ** 2, axis=0)) / spread
+    off = rms(sent - request) / spread
     wrong = [k for k in range(len(off)) if off[k] > _SAME_COMMAND]
     if not wrong:
         return []
     for k in wrong:
-        others = np.sqrt(np.mean((sent[:, [k]] - request) ** 2, axis=0)) / spread
+        others = rms(sent[:, [k]] - request) / spread
         best = int(np.argmin(others))
         if best != k and others[best] < _SAME_COMMAND:
             return [

@@ -142,14 +142,11 @@ class ByHand:
         trial = self._meant(item)
         note = item.note
         logs = [i.path for i in items if i is not item and i.trial == trial.name and i.path.exists()]
-        if item.answer == "repeat":
-            self._accepted.set_aside(trial.name, [item.path, *logs], runs=True)
-            self._say(f"{trial.name}: to be run again" + (f" ({note})" if note else ""))
-            return
-        outcome = item.answer
-        self._accepted.set_aside(trial.name, [item.path, *logs], runs=True)
-        self._accepted.finish(trial.name, outcome, note)
-        self._say(f"{trial.name}: {outcome}" + (f" ({note})" if note else ""))
+        self._accepted.set_aside(trial.name, [item.path, *logs])
+        if item.answer != "repeat":
+            self._accepted.finish(trial.name, item.answer, note)
+        become = "to be run again" if item.answer == "repeat" else item.answer
+        self._say(f"{trial.name}: {become}" + (f" ({note})" if note else ""))
 
     def _meant(self, item: Item) -> Trial:
         """The waiting trial that an item names, or the only one that waits. Raises ValueError."""

@@ -30,9 +30,9 @@ def course_map(lines: Sequence[tuple[str, Array, str]], desired: Array) -> Marku
     """Paths over one another on the floor, the desired one dashed; `lines` are name, (n, 2) in m, colour."""
     everything = np.concatenate([desired, *(p for _, p, _ in lines)])
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=720, height=230, equal=True)
-    plot.line(_points(desired), SOFT, width=1.0, dashed=True)
+    plot.curve(*desired.T, SOFT, width=1.0, dashed=True)
     for _, path, colour in lines:
-        plot.line(_points(path[::_THIN]), colour, width=1.3)
+        plot.curve(*path[::_THIN].T, colour, width=1.3)
     named = [tag("b", name, style=f"color:{colour}") for name, _, colour in lines]
     legend = tag("p", "dashed: desired path", [join(" · ", n) for n in named], class_="caption")
     return join(legend, plot.svg("; ".join(name for name, _, _ in lines)))
@@ -43,8 +43,8 @@ def course_shapes(courses: Sequence[Path], trained: int) -> Markup:
     figures = []
     for k, course in enumerate(courses):
         plot = Plot(span(course.points[:, 0]), span(course.points[:, 1]), width=215, height=190, equal=True)
-        plot.line(_points(course.points[::_THIN]), AFTER if k < trained else SOFT, width=1.6)
-        plot.line([(float(x), float(y)) for x, y in course.points[:8]], INK, width=4.0)
+        plot.curve(*course.points[::_THIN].T, AFTER if k < trained else SOFT, width=1.6)
+        plot.curve(*course.points[:8].T, INK, width=4.0)
         name = f"course {k + 1}: {course.name}" if k < trained else f"held out: {course.name}"
         figures.append(tag("figure", tag("figcaption", name, class_="caption"), plot.svg(name), style="margin:0"))
     return tag("div", figures, style="display:grid;grid-template-columns:repeat(auto-fill,minmax(200px,1fr));gap:8px")
@@ -90,14 +90,12 @@ def deviation(path: Array, runs: Sequence[tuple[str, Array, str]]) -> Markup:
     arc = way_along(path)
     fine = np.arange(0.0, arc[-1], 0.005)
     dense = KDTree(between(fine, arc, path))
-    for name, driven, colour in runs:
-        gaps = dense.query(driven[::_THIN])[0].tolist()
-        gone = way_along(driven[::_THIN])
-        lines.append((name, list(zip(gone.tolist(), [1e3 * g for g in gaps], strict=True)), colour))
-    gone, gaps = (span([p[axis] for _, line, _ in lines for p in line], zero=True) for axis in (0, 1))
+    for _, driven, colour in runs:
+        lines.append((way_along(driven[::_THIN]), 1e3 * np.asarray(dense.query(driven[::_THIN])[0]), colour))
+    gone, gaps = (span(np.concatenate(values).tolist(), zero=True) for values in list(zip(*lines, strict=True))[:2])
     plot = Plot(gone, gaps, "driven, m", "measured distance, mm", height=240)
-    for _, line, colour in lines:
-        plot.line(line, colour, width=1.2)
+    for way, off, colour in lines:
+        plot.curve(way, off, colour, width=1.2)
     return plot.svg("distance from the path")
 
 
@@ -109,7 +107,7 @@ def trace(searched: Searched) -> Markup:
     for k, loss in enumerate(searched.losses):
         if loss <= top:
             plot.dot((k, 1e6 * float(loss)), SOFT, size=1.6)
-    plot.line([(k, 1e6 * float(b)) for k, b in enumerate(best)], AFTER)
+    plot.curve(np.arange(len(best)), 1e6 * best, AFTER)
     return plot.svg("search trace")
 
 
@@ -127,13 +125,9 @@ def profile_plots(rows: Sequence[Profile]) -> Markup:
             220,
         )
         for values, colour in ((timed, BEFORE), (warped, AFTER)):
-            plot.line([(float(x), min(float(v), 3.0)) for x, v in zip(p.values, values, strict=True)], colour)
+            plot.curve(p.values, np.minimum(values, 3.0), colour)
         plot.line([(p.values[0], FLAT), (p.values[-1], FLAT)], SOFT, dashed=True, width=0.8)
         plot.dot((p.found, 1.0), INK)
         words = f"{p.verdict} (as good over {fixed(100 * p.open_share[0], 0)} % of its range)"
         drawn.append(tag("figure", plot.svg(p.name), tag("figcaption", words)))
     return tag("div", drawn, class_="figures")
-
-
-def _points(path: Array) -> list[tuple[float, float]]:
-    return [(float(x), float(y)) for x, y in path]

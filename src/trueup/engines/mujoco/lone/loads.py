@@ -8,19 +8,16 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes, write
 from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.wiring import joint_id
-from trueup.instant import usual_step
+from trueup.instant import moving_cubic, rate_noise, usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Channel
 
-_SMOOTHED = 0.08  # s that a cubic is laid through for speed and acceleration: five samples of a servo bus at 50 Hz
-_CUBIC = 3
 _MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
 
 
@@ -130,36 +127,22 @@ def rigid(compiled: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def measured_motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
-    """Positions as a motion, joints that they lack at `rest` (nv,), by a moving cubic through the samples.
-
-    A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964.
-    """
+    """Positions as a motion, joints that they lack at `rest` (nv,), by a moving cubic through the samples."""
     dt = usual_step(measured.time)
     count = int(np.floor((measured.time[-1] - measured.time[0]) / dt + 0.5)) + 1
     time = measured.time[0] + dt * np.arange(count)
-    window = min(samples_smoothed(measured), count - 1 + count % 2)
     states = np.zeros((3, count, compiled.nv))
     states[0] = rest
     for label, column in zip(measured.labels, measured.values.T, strict=True):
         joint, good = joint_id(compiled, label), np.isfinite(column)
         if joint >= 0 and good.any():
-            values = np.interp(time, measured.time[good], column[good])
-            for order in range(3):
-                states[order, :, joint] = savgol_filter(values, window, min(_CUBIC, window - 1), deriv=order, delta=dt)
+            states[:, :, joint] = moving_cubic(np.interp(time, measured.time[good], column[good]), dt)
     return Motion(time, *states)
-
-
-def samples_smoothed(measured: Channel) -> int:
-    """Samples that a cubic is laid through for the speeds of a `measured_motion`."""
-    dt = usual_step(measured.time)
-    return 2 * max(round(0.5 * _SMOOTHED / dt), (_CUBIC + 1) // 2) + 1
 
 
 def speed_noise(measured: Channel) -> Array:
     """(k,) standard deviation of the speeds of a channel's labels in its `measured_motion`."""
-    dt = usual_step(measured.time)
-    share = np.linalg.norm(savgol_coeffs(samples_smoothed(measured), _CUBIC, deriv=1, delta=dt))
-    return share * estimate_noise(measured.values, measured.time)
+    return rate_noise(usual_step(measured.time)) * estimate_noise(measured.values, measured.time)
 
 
 def inverse_dynamics(model: mujoco.MjModel, places: Array, speeds: Array, rates: Array) -> tuple[Array, Array]:

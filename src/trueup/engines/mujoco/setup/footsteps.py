@@ -9,25 +9,20 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.articulated.inertial import with_inertial_units
+from trueup.articulated.inertial import CALM, with_inertial_units
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, angles_of, in_angles, quaternion_of
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
-from trueup.engines.mujoco.setup.stance import stood
+from trueup.engines.mujoco.setup.stance import BEGINNING, stood
 from trueup.inspection.sensors import sensed
 from trueup.inspection.sliding import Legs
 from trueup.recording import Channel, Recording
 from trueup.samples import between, unwound
 from trueup.trial import RECKONED
 from trueup.units import GRAVITY
-
-_RESTS = 0.1
-"""s at the beginning in which a robot stands that begins at rest: what its gyro shows then is its error."""
-_CALM = 1.0
-"""s in which the angles come back to what the accelerometer shows: steps average out, and errors of the gyro stay small."""
 
 
 def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -135,7 +130,7 @@ def _integrated(time: Array, rates: Array, pulls: Array) -> Array:
     A complementary filter (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one), by the
     accelerometer as it is and not by its direction: forces of many steps add up to the weight, their directions do not.
     """
-    first = time <= time[0] + _RESTS
+    first = time <= time[0] + BEGINNING  # what a gyro shows at rest is its error
     error, up = rates[first].mean(axis=0), pulls[first].mean(axis=0)
     pitch = np.arctan2(-up[0], np.hypot(up[1], up[2]))
     turn = quaternion_of(np.array([np.arctan2(up[1], up[2]), pitch, 0.0]))
@@ -145,6 +140,7 @@ def _integrated(time: Array, rates: Array, pulls: Array) -> Array:
         if i + 1 < len(time):
             dt = time[i + 1] - time[i]
             mujoco.mju_quat2Mat(matrix, turn)
-            rate = 0.5 * (rates[i] + rates[i + 1]) - error + np.cross(pulls[i] / GRAVITY, matrix[6:]) / _CALM
+            # The angles come back to what the accelerometer shows while steps average out, and errors of the gyro stay small.
+            rate = 0.5 * (rates[i] + rates[i + 1]) - error + np.cross(pulls[i] / GRAVITY, matrix[6:]) / CALM
             mujoco.mju_quatIntegrate(turn, rate, dt)
     return unwound(angles_of(turns))

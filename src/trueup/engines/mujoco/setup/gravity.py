@@ -12,12 +12,9 @@ from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
 from trueup.engines.mujoco.setup.still import carriers
-from trueup.evidence import HALVED, evidence
+from trueup.evidence import FEWEST_PARTS, HALVED, evidence
 from trueup.recording import Recording
 from trueup.trial import command_of
-
-_STRETCHES = 8
-"""Of each joint's motion, whose unexplained torques speak for or against weight one by one."""
 
 
 def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
@@ -68,9 +65,11 @@ def _weight(model: Model, part: KnownTorque) -> Array:
 
 
 def _unexplained(parts: Sequence[KnownTorque], dof: int, added: Array) -> Array:
-    """(`_STRETCHES`,) squares that a drive leaves of what its motor gives beyond the rigid robot, `added` to that."""
+    """(`FEWEST_PARTS`,) of each stretch of time, squares that a drive leaves of what its motor gives beyond the rigid robot,
+    `added` to that.
+    """
     columns, extra, _ = pushes(parts, dof)
     columns[:, -1] = 0.0  # an offset would be the weight itself, where a link stays near level
     extra = extra + added
     left = np.square(extra - columns @ of_a_drive(columns, extra))
-    return np.array([np.sum(part) for part in np.array_split(left, _STRETCHES)])
+    return np.array([np.sum(part) for part in np.array_split(left, FEWEST_PARTS)])

@@ -25,21 +25,16 @@ from trueup.engines.mujoco.lone.loads import (
     inverse_dynamics,
     measured_motion,
     rigid,
-    samples_smoothed,
     speed_noise,
 )
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id, rest
 from trueup.evidence import STANDARD_ERRORS
-from trueup.instant import usual_step
+from trueup.instant import HARDLY, MOVING, samples_of_cubic, usual_step
 from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.trial import command_of
 
-_MOVES = 0.05
-"""Of a joint's fastest speed: slower samples tell little of friction, whose sign noise then decides."""
-_SURELY = 3.0
-"""Standard deviations of a speed's noise, beyond which a joint moves."""
 _FEWEST = 4
 """Stretches, each as long as speeds are smoothed over, in which a joint must move: as many as there are unknowns."""
 _HELD = 2.0
@@ -87,7 +82,7 @@ def pushes(parts: Sequence[KnownTorque], dof: int) -> tuple[Array, Array, Array]
         [np.stack([p.extra[:, dof], p.motion.speed[:, dof], p.motion.acceleration[:, dof]], axis=1) for p in parts]
     ).T
     noise, window = np.repeat([(p.speed_noise[dof], p.window) for p in parts], [len(p.extra) for p in parts], axis=0).T
-    seen = np.abs(speed) > np.maximum(_MOVES * np.abs(speed).max(), _SURELY * noise)
+    seen = np.abs(speed) > np.maximum(HARDLY * np.abs(speed).max(), MOVING * noise)
     columns = np.stack([np.sign(speed), speed, rate, np.ones_like(speed)], axis=1)
     return columns, extra, np.where(seen, window, 0.0)
 
@@ -175,7 +170,7 @@ def _known(model: Model, recording: Recording) -> Iterator[KnownTorque]:
     noise[_dofs(compiled, seen)] = np.nan_to_num(speed_noise(measured.select(seen)))
     known[_dofs(compiled, unseen)] = False
     inertia, asked = inverse_dynamics(rigid(compiled), motion.position, motion.speed, motion.acceleration)
-    window = samples_smoothed(measured)
+    window = samples_of_cubic(usual_step(measured.time))
     middle = np.arange(window // 2, len(torque) - window // 2)  # a cubic tells little of the speed at its ends
     good = middle[np.isfinite(torque[middle]).all(axis=1)]
     if not len(good):

@@ -12,11 +12,11 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.engines.mujoco.model import Model
 from trueup.evidence import HALVED
+from trueup.instant import STILL
 from trueup.recording import Recording
 from trueup.trial import command_of
 
-_BEGINNING = 0.1  # s in which a robot rests that begins at rest
-_RESTS = 0.02  # rad or m by which positions may change in it
+BEGINNING = 0.1  # s in which a robot rests that begins at rest
 _SETTLED = 2.0  # s in which servos come to rest under their load
 _UPRIGHT = 0.5  # rad that a base leans at most while its robot stands
 
@@ -68,11 +68,11 @@ def _rest(model: Model, recording: Recording) -> _Rest | None:
     if set(actuators) != everything or not all(model.is_position_servo(i) for i in actuators):
         return None
     early = [c.select(labels) for c in (command, position)]
-    told, was = (c.values[c.time <= recording.start + _BEGINNING] for c in early)
+    told, was = (c.values[c.time <= recording.start + BEGINNING] for c in early)
     if not (len(told) and len(was) and np.isfinite(told[0]).all() and np.isfinite(was).all()):
         return None
     # Commands that set out at once have not moved the joints yet.
-    return None if np.ptp(was, axis=0).max() > _RESTS else _Rest(actuators, told[0], was.mean(axis=0))
+    return None if np.ptp(was, axis=0).max() > STILL else _Rest(actuators, told[0], was.mean(axis=0))
 
 
 def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
