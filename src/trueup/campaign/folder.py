@@ -15,6 +15,7 @@ from typing import Any
 from trueup import files
 from trueup.campaign.events import Begun, Ended, Event
 from trueup.campaign.journal import JOURNAL, keep_text, read_journal, read_whole
+from trueup.campaign.output import numbered
 from trueup.campaign.plan import PlanFile, plan_in
 from trueup.errors import JournalError, PlanError, TrueupError
 
@@ -46,8 +47,7 @@ class Folder:
         here = file.path.parent.resolve() == Path.cwd().resolve()
         asked = out if out is not None else Path(".") if here else Path(file.plan.name)
         done: Path | None = None
-        for number in range(1, 1000):
-            at = asked if number == 1 else _numbered(asked, number)
+        for at in numbered(asked):
             state = _state(at, check)
             done = at if state == "ended" else done
             if state == "unfinished":
@@ -56,7 +56,7 @@ class Folder:
                 why = f"the campaign of this plan in {done} has ended, so nothing is run; one more: --seed N, or --out DIR"
                 return cls(done, used, check, why)
             if state == "free":
-                note = _elsewhere(asked, at, used) if number > 1 else ""
+                note = _elsewhere(asked, at, used) if at != asked else ""
                 made = cls(at, used, check, note)
                 made._keep()
                 return made
@@ -116,11 +116,6 @@ def _elsewhere(asked: Path, at: Path, file: PlanFile) -> str:
             f'["{os.path.relpath(asked / "recordings", file.path.parent)}/*.parquet"]'
         )
     return f"{asked} holds another campaign, so this one goes to {at}"
-
-
-def _numbered(path: Path, number: int) -> Path:
-    whole = path.resolve()
-    return path.with_name(f"{path.name}-{number}") if path.name else whole / f"run-{number}"
 
 
 def _state(path: Path, check: str) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,8 +42,7 @@ class Output:
         calibrated model would overwrite the one given.
         """
         name = f"{model.stem}{suffix}"
-        for number in range(1, 1000):
-            at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+        for at in numbered(folder):
             if (at / name).resolve() == model.resolve():
                 if force:
                     raise OutputError(f"{at / name} is the model that was given; name another folder with --out")
@@ -52,9 +51,9 @@ class Output:
             if state is not None and state.get("fingerprint") == fingerprint and not force:
                 return cls(at, fingerprint, at / name, state.get("search"), f"going on from {at / _STATE}")
             if force or not any((at / f).exists() for f in (*_FILES, _STATE, name)):
-                note = f"{folder} holds other results, so these go to {at}" if number > 1 else ""
+                note = f"{folder} holds other results, so these go to {at}" if at != folder else ""
                 return cls(made(at), fingerprint, at / name, None, note)
-        raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+        raise _all_taken(folder)
 
     @property
     def state_file(self) -> Path:
@@ -85,11 +84,22 @@ class Output:
 
 def free_folder(folder: Path, free: Callable[[Path], bool]) -> Path:
     """The folder, or the first of folder-2, folder-3 ... that is `free` to write results to; made. Raises OutputError."""
-    for number in range(1, 1000):
-        at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+    for at in numbered(folder):
         if free(at):
             return made(at)
-    raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+    raise _all_taken(folder)
+
+
+def numbered(folder: Path) -> Iterator[Path]:
+    """The folder, folder-2, folder-3 ... up to 999; run-2, run-3 ... in the one that we are in."""
+    yield folder
+    whole = folder.resolve()
+    for number in range(2, 1000):
+        yield folder.with_name(f"{folder.name}-{number}") if folder.name else whole / f"run-{number}"
+
+
+def _all_taken(folder: Path) -> OutputError:
+    return OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
 
 
 def made(folder: Path) -> Path:

@@ -73,9 +73,9 @@ def _map(track: Track) -> Markup:
     height = int(np.clip(58 + 760 * high / max(wide, TINY), 160, 560))
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=860, height=height, equal=True)
     if track.wanted is not None:
-        plot.curve(*_thin(track.wanted).T, FAINT, width=3 * LINE)
+        plot.line(_thin(track.wanted), FAINT, width=3 * LINE)
     for p, colour in points:
-        plot.curve(*p.T, colour)
+        plot.line(p, colour)
     return plot.svg(f"Where the robot went in {track.of}: at first, and with the best settings")
 
 
@@ -89,7 +89,7 @@ def _over_time(track: Track, channel: str, label: str) -> Markup:
     title = f"{_BASE.get(label, label) if channel in (ORIENTATION, POSITION) else label}, {lines[0][1]}"
     plot = Plot(span(everything[:, 0], margin=0.0), span(everything[:, 1]), "time, s", title, width=860, height=200)
     for p, _, colour in lines:
-        plot.curve(*p.T, colour, width=LINE)
+        plot.line(p, colour, width=LINE)
     return plot.svg(f"{channel} of {label} in {track.of}: at first, and with the best settings")
 
 

@@ -30,9 +30,9 @@ def course_map(lines: Sequence[tuple[str, Array, str]], desired: Array) -> Marku
     """Paths over one another on the floor, the desired one dashed; `lines` are name, (n, 2) in m, colour."""
     everything = np.concatenate([desired, *(p for _, p, _ in lines)])
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=720, height=230, equal=True)
-    plot.curve(*desired.T, SOFT, width=1.0, dashed=True)
+    plot.line(desired, SOFT, width=1.0, dashed=True)
     for _, path, colour in lines:
-        plot.curve(*path[::_THIN].T, colour, width=1.3)
+        plot.line(path[::_THIN], colour, width=1.3)
     named = [tag("b", name, style=f"color:{colour}") for name, _, colour in lines]
     legend = tag("p", "dashed: desired path", [join(" · ", n) for n in named], class_="caption")
     return join(legend, plot.svg("; ".join(name for name, _, _ in lines)))
@@ -43,8 +43,8 @@ def course_shapes(courses: Sequence[Path], trained: int) -> Markup:
     figures = []
     for k, course in enumerate(courses):
         plot = Plot(span(course.points[:, 0]), span(course.points[:, 1]), width=215, height=190, equal=True)
-        plot.curve(*course.points[::_THIN].T, AFTER if k < trained else SOFT, width=1.6)
-        plot.curve(*course.points[:8].T, INK, width=4.0)
+        plot.line(course.points[::_THIN], AFTER if k < trained else SOFT, width=1.6)
+        plot.line(course.points[:8], INK, width=4.0)
         name = f"course {k + 1}: {course.name}" if k < trained else f"held out: {course.name}"
         figures.append(tag("figure", tag("figcaption", name, class_="caption"), plot.svg(name), style="margin:0"))
     return tag("div", figures, style="display:grid;grid-template-columns:repeat(auto-fill,minmax(200px,1fr));gap:8px")
@@ -107,7 +107,7 @@ def trace(searched: Searched) -> Markup:
     for k, loss in enumerate(searched.losses):
         if loss <= top:
             plot.dot((k, 1e6 * float(loss)), SOFT, size=1.6)
-    plot.curve(np.arange(len(best)), 1e6 * best, AFTER)
+    plot.line(enumerate(1e6 * best), AFTER)
     return plot.svg("search trace")
 
 
