@@ -16,7 +16,7 @@ import numpy as np
 from trueup.calibration import Calibration, Replay, pooled_rmse
 from trueup.errors import OutputError
 from trueup.formats.aside import kept_state, write_aside
-from trueup.formats.plain import finite
+from trueup.formats.plain import write_json
 from trueup.recording import Recording
 
 _STATE, _OUTCOME = "state.json", "calibration.json"
@@ -77,8 +77,7 @@ class Output:
 
     def finish(self, calibration: Calibration) -> None:
         """Writes the plain numbers; the state is no longer needed. Raises OutputError."""
-        text = json.dumps(finite(summary_numbers(calibration)), indent=1, allow_nan=False)
-        write_aside(text + "\n", self.outcome_file)
+        write_json(summary_numbers(calibration), self.outcome_file)
         self.state_file.unlink(missing_ok=True)
 
 

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +16,7 @@ from trueup.campaign.output import Output, fingerprint
 from trueup.commands.console import notes, table_of, tell
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
+from trueup.commands.sources import add_engine, add_refuse, add_shared, given, made_by, refusable, step_of, typed
 from trueup.errors import ModelError, TrueupError
 from trueup.formats.aside import write_aside
 from trueup.recording import Recording
@@ -177,11 +175,10 @@ def _calibrated(args: argparse.Namespace, ready: Preparation, output: Output, to
         with Watcher(told, _main_unit(ready.recordings), quiet=args.quiet) as watcher:
             return ready.calibrate(_options(args), progress=watcher, checkpoint=output.save, resume=resume)
     except KeyboardInterrupt:
-        again = shlex.join(["trueup", *args.command_line])
         kept = output.state_file.is_file()
         where = f"the search is kept in {output.state_file}" if kept else "there was nothing to keep yet"
         then = "goes on from there" if kept else "starts again"
-        tell(told, escape(f"stopped; {where}. The same command {then}:\n  {again}"))
+        tell(told, escape(f"stopped; {where}. The same command {then}:\n  {typed(args)}"))
         output.discard()
         raise
     except TrueupError:
@@ -206,8 +203,7 @@ def _write(
         notes = ready.write(calibration, output.model_file, parameters)
     except ModelError as error:  # minutes of search are in the rest
         notes = (f"the calibrated model could not be written: {error}. Its values are in {parameters}",)
-    context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
-    write_report(calibration, report, context=context)
+    write_report(calibration, report, context=made_by(args))
     shown = [*calibration.held_out(), *calibration.training()]
     pictures = []
     if shown:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import importlib.util
-import json
 import os
 import platform
 import shutil
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Shows the findings. Returns 0, or 1 where something will not work."""
     found = [f for look in (_python, _packages, _extras, _threads, _yardstick, _rendering, _browser) for f in look()]
     if args.json:
-        console.print_json(json.dumps([asdict(f) for f in found]))
+        console.print_json(data=[asdict(f) for f in found])
     else:
         colours = {"good": "green", "mind": "yellow", "bad": "red"}
         for f in found:

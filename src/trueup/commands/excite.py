@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,7 @@ from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, tell
 from trueup.commands.excite_summary import limits_table, show, taken
 from trueup.commands.progress import bar
-from trueup.commands.sources import add_shared
+from trueup.commands.sources import add_shared, typed
 from trueup.errors import IdentificationError, MissingExtraError
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
@@ -174,7 +173,7 @@ def _write(
     """All files, and what could not be written for want of a package."""
     t, limits, lost = outcome.trajectory, problem.feasibility.limits, []
     files = [folder / name for name in _FILES]
-    recording = t.recording({"command": shlex.join(["trueup", *args.command_line])})
+    recording = t.recording({"command": typed(args)})
     write_csv(recording, files[0])
     cell = problem.feasibility.cell
     box = (

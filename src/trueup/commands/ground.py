@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,10 +19,9 @@ from rich.table import Table
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, table_of, tell
 from trueup.commands.progress import bar
-from trueup.commands.sources import add_shared, given
+from trueup.commands.sources import add_shared, given, typed
 from trueup.errors import GroundingError, counted
-from trueup.formats.aside import write_aside
-from trueup.formats.plain import finite
+from trueup.formats.plain import finite, write_json
 from trueup.recording import Recording
 from trueup.report.grounding import write_grounding_report
 from trueup.report.numbers import scale_for
@@ -115,9 +112,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
     grounding.save(folder / "grounding.npz")
     write_grounding_report(story, folder / "report.html")
-    write_aside(json.dumps(finite(story), indent=1, allow_nan=False), folder / "grounding.json")
+    write_json(story, folder / "grounding.json")
     if args.json:
-        console.print_json(json.dumps(finite(story), allow_nan=False))
+        console.print_json(data=finite(story))
     else:
         _show(story, console)
         tell(console, f"  start with {escape(str(folder / 'report.html'))}")
@@ -180,7 +177,7 @@ def _story(
         for name in found.by_run
     ]  # fmt: skip
     return {
-        "command": shlex.join(["trueup", *args.command_line]),
+        "command": typed(args),
         "recordings": [r.name for r in training], "held_out": [r.name for r in held_out],
         "frames": len(learned.rows.X), "period": inputs.period, "history": inputs.history, "view": learned.view,
         "joints": list(inputs.commands), "unit": inputs.unit, "others": {n: list(x) for n, x in inputs.others.items()},

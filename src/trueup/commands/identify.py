@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,9 +12,10 @@ from rich.console import Console
 
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, tell
-from trueup.commands.sources import SHARE, add_shared, given, mapping_for, recordings_in
+from trueup.commands.sources import SHARE, add_shared, given, made_by, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping
+from trueup.formats.plain import write_json
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 
@@ -181,14 +180,13 @@ def _write(
     args: argparse.Namespace, result: Identification, folder: Path
 ) -> tuple[Sequence[Deliverable], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
-    from trueup.identification.delivery.folder import deliver, save_numbers
+    from trueup.identification.delivery.folder import deliver
     from trueup.identification.delivery.numbers import numbers_of
     from trueup.report.identification import write_identification_report
 
     delivered, lost = deliver(result, args.model, folder)
-    context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
-    write_identification_report(result, folder / _FILES[0], delivered=delivered, context=context)
-    save_numbers(numbers_of(result, delivered), folder / _FILES[1])
+    write_identification_report(result, folder / _FILES[0], delivered=delivered, context=made_by(args))
+    write_json(numbers_of(result, delivered), folder / _FILES[1])
     return delivered, lost
 
 

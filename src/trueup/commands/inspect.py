@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -78,7 +77,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         written = target
     if args.json:
         plain = {"recordings": [_plain(f) for f in found], "notes": said, "mapping": str(written or mapping or "")}
-        console.print_json(json.dumps(plain, allow_nan=False))
+        console.print_json(data=plain)
         return 0
     for inspection in found:
         _show(inspection, console)

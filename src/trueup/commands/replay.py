@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +18,7 @@ from trueup.calibration import Ahead, Replay, pooled_rmse
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, table_of, tell
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
-from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
+from trueup.commands.sources import add_engine, add_refuse, add_shared, given, made_by, refusable, step_of
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.formats.replayed import KINDS, write_replays
@@ -88,10 +86,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     beside = bool(args.against or args.parameters or args.grounding)
     replays = compared.replays
     if args.json and compared.predictions:
-        console.print_json(json.dumps([plain_drive(p) for p in compared.predictions]))
+        console.print_json(data=[plain_drive(p) for p in compared.predictions])
     elif args.json:
         broken = [{"recording": recording.name, "failed": why} for recording, why in compared.failed]
-        console.print_json(json.dumps([*(_plain(r, beside, compared.ahead) for r in replays), *broken]))
+        console.print_json(data=[*(_plain(r, beside, compared.ahead) for r in replays), *broken])
     elif compared.predictions:
         console.print(drive_table(compared.predictions))
     else:
@@ -179,9 +177,8 @@ def _write(args: argparse.Namespace, compared: Comparison, folder: Path, said: S
         else tuple(replace(r, before=np.full_like(r.before, np.nan)) for r in compared.replays)
     )
     compared = replace(compared, replays=shown)
-    context = {"command": shlex.join(["trueup", *args.command_line])}
     write_replay_report(shown, folder / "report.html", model=Path(args.model).name, ahead=compared.ahead, against=against,
-                        notes=said, context=context)  # fmt: skip
+                        notes=said, context=made_by(args))  # fmt: skip
     write_replays(shown, folder, args.trajectories, compared=beside)
     first, names = compared.replays[0], {"before": against, "after": Path(args.model).name}
     for replay in compared.replays:

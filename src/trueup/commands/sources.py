@@ -6,6 +6,8 @@ from __future__ import annotations
 import argparse
 import fnmatch
 import re
+import shlex
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -192,6 +194,16 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
         )
         kept.append(recording.slice(start, stop))
     return kept, notes
+
+
+def typed(args: argparse.Namespace) -> str:
+    """The command that was typed, to be typed again."""
+    return shlex.join(["trueup", *args.command_line])
+
+
+def made_by(args: argparse.Namespace) -> dict[str, str]:
+    """What made a report, for its last section."""
+    return {"command": typed(args), "python": sys.version.split()[0]}
 
 
 def seed_of(text: str) -> int:

@@ -16,12 +16,10 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import EvaluationError, TrueupError
 from trueup.evaluation.chunks import Chunk, Chunks, Hazard, Pace
-from trueup.evaluation.connection import check, connected
+from trueup.evaluation.connection import ANSWER, check, connected
 from trueup.evaluation.evaluator import Outcome, Work
 from trueup.evaluation.roster import LOOK, Roster
 from trueup.evaluation.worker import Reply, packed, work_on
-
-_REPLY = 5.0  # s in which a finished reply must be here
 
 
 @dataclass(eq=False)
@@ -196,7 +194,7 @@ class Cluster:
 
     def _reply(self, run: _Run) -> Reply:
         try:
-            reply = run.future.result(timeout=_REPLY)
+            reply = run.future.result(timeout=ANSWER)
         except Exception as error:  # of the cluster, or of a part that cannot be read there
             reply = Reply(error=f"{type(error).__name__}: {error}".splitlines()[0])
         run.future.release()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FORMS = "tcp://HOST:PORT (a dask scheduler), local or local:N (N workers on this machine), slurm:N, htcondor:N (N jobs)"
 ANSWER = 10.0
-"""Seconds in which a scheduler must answer."""
+"""Seconds in which a scheduler must answer, and in which what a worker has finished must be here."""
 _QUEUES = {"slurm": ("SLURMCluster", "sbatch"), "htcondor": ("HTCondorCluster", "condor_submit")}
 
 

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from trueup.formats.aside import write_aside
 
 
 def finite(value: Any) -> Any:
@@ -18,3 +22,8 @@ def finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: finite(v) for k, v in value.items()}
     return [finite(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def write_json(value: Any, path: Path) -> None:
+    """Writes a value as a file of strict JSON, aside and renamed. Raises OutputError."""
+    write_aside(json.dumps(finite(value), indent=1, allow_nan=False) + "\n", path)

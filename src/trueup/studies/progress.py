@@ -7,24 +7,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from trueup.commands.progress import bar
 
 
 @contextmanager
 def telling(told: Console, first: str) -> Iterator[Callable[[str, float], None]]:
     """What is called with a step's words and the share of the whole that is done; `first` is said until then."""
-    columns = (
-        BarColumn(30),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=told, transient=True, disable=not told.is_terminal) as bar:
-        task = bar.add_task(first, total=1.0)
+    with bar(told) as shown:
+        task = shown.add_task("", total=1.0, said=first)
 
         def tell(text: str, share: float) -> None:
-            if bar.disable:
+            if shown.disable:
                 told.print(f"{100 * share:3.0f} %  {text}", markup=False, highlight=False)
-            bar.update(task, completed=share, description=text)
+            shown.update(task, completed=share, said=text)
 
         yield tell

@@ -15,7 +15,6 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import OutputError
 from trueup.formats.aside import write_aside
-from trueup.formats.plain import finite
 from trueup.identification.delivery.compiled import Compiled, compiled
 from trueup.identification.delivery.model_file import read_back, write_model_file
 from trueup.identification.delivery.source import c_header, prefix, python_file
@@ -132,9 +131,3 @@ def _model_file(result: Identification, tree: KinematicTree, path: Path, fit: De
 
 def _furthest(predictions: Sequence[Prediction], said: Sequence[Array]) -> float:
     return max(float(np.abs(p.fitted - x).max()) for p, x in zip(predictions, said, strict=True))
-
-
-def save_numbers(numbers: object, path: Path) -> Path:
-    """Plain numbers as a JSON file. Raises OutputError."""
-    write_aside(json.dumps(finite(numbers), indent=1, allow_nan=False) + "\n", path)
-    return path

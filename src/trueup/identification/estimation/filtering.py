@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array
-from trueup.compiled import njit
 from trueup.errors import IdentificationError
 from trueup.instant import usual_step
 from trueup.rounding import whole_steps
@@ -21,7 +20,6 @@ ORDER = 8
 """Of the filter as a whole: half of it runs forward, half of it backward."""
 _NYQUIST = 0.8
 """The highest cut-off, as a share of half the rate."""
-_TOGETHER = 8
 _PADDING = 3.0
 """Periods of the cut-off by which a signal is prolonged at both ends."""
 
@@ -32,7 +30,6 @@ class Lowpass:
 
     rate: float
     cutoff: float
-    order: int = ORDER
 
     def __post_init__(self) -> None:
         """Checks that the cut-off can be had at this rate."""
@@ -41,69 +38,20 @@ class Lowpass:
                 f"a cut-off of {self.cutoff:g} Hz cannot be had at {self.rate:g} samples per second; "
                 f"it must lie between 0 and {0.5 * self.rate:g} Hz"
             )
-        if self.order < 4 or self.order % 4:
-            raise IdentificationError(f"a filter of order {self.order} cannot be had; give 4, 8, 12, ...")
 
     def __call__(self, values: ArrayLike, axis: int = 0) -> Array:
         """`values` filtered along `axis`, forward and backward. Raises IdentificationError for too few samples."""
-        signal = np.moveaxis(np.asarray(values, dtype=np.float64), axis, -1)
+        from scipy.signal import butter, sosfiltfilt  # half a second to load
+
+        signal = np.asarray(values, dtype=np.float64)
         if signal.size == 0:
-            return np.moveaxis(signal, -1, axis)
-        if signal.shape[-1] < 2 * ORDER:
-            raise IdentificationError(f"{signal.shape[-1]} samples are too few to filter; at least {2 * ORDER} needed")
-        padding = min(int(_PADDING * self.rate / self.cutoff) + 1, signal.shape[-1] - 1)
-        rows = signal.reshape(-1, signal.shape[-1])
-        passed = both_ways(np.ascontiguousarray(rows), padding, self._sections())
-        return np.moveaxis(passed.reshape(signal.shape), -1, axis)
-
-    def _sections(self) -> Array:
-        """(order / 4, 3) each a pair of poles: gain, and the two coefficients of the recursion; zeros lie at -1.
-
-        The bilinear transform of Butterworth's poles, so that the cut-off stays where it is: Oppenheim & Schafer,
-        "Discrete-Time Signal Processing", section 7.1.
-        """
-        half = self.order // 2
-        w = math.tan(math.pi * self.cutoff / self.rate)
-        sections = []
-        for k in range(half // 2):
-            damping = 2.0 * math.sin(math.pi * (2 * k + 1) / (2 * half))
-            scale = 1.0 + damping * w + w * w
-            sections.append((w * w / scale, 2.0 * (w * w - 1.0) / scale, (1.0 - damping * w + w * w) / scale))
-        return np.array(sections)
-
-
-@njit(cache=True)
-def both_ways(rows: Array, padding: int, sections: Array) -> Array:
-    """(N, T) rows through sections (k, 3) forward and backward, prolonged at both ends by their own mirror image."""
-    N, T = rows.shape
-    passed = np.empty_like(rows)
-    # Each sample needs the one before it: rows side by side keep the processor busy meanwhile.
-    long = np.zeros((T + 2 * padding, _TOGETHER))
-    s1, s2 = np.empty(_TOGETHER), np.empty(_TOGETHER)
-    for n in range(0, N, _TOGETHER):
-        for r in range(min(_TOGETHER, N - n)):
-            row = rows[n + r]
-            for i in range(padding):
-                long[padding - 1 - i, r] = 2.0 * row[0] - row[i + 1]
-                long[padding + T + i, r] = 2.0 * row[T - 1] - row[T - 2 - i]
-            long[padding : padding + T, r] = row
-        for _ in range(2):
-            for k in range(len(sections)):
-                gain, a1, a2 = sections[k]
-                # At rest on the first value: no jump at the start.
-                for r in range(_TOGETHER):
-                    s1[r], s2[r] = long[0, r] * (1.0 - gain), long[0, r] * (gain - a2)
-                for i in range(len(long)):
-                    for r in range(_TOGETHER):
-                        x = long[i, r]
-                        y = gain * x + s1[r]
-                        s1[r] = 2.0 * gain * x - a1 * y + s2[r]
-                        s2[r] = gain * x - a2 * y
-                        long[i, r] = y
-            long = long[::-1].copy()
-        for r in range(min(_TOGETHER, N - n)):
-            passed[n + r] = long[padding : padding + T, r]
-    return passed
+            return signal
+        samples = signal.shape[axis]
+        if samples < 2 * ORDER:
+            raise IdentificationError(f"{samples} samples are too few to filter; at least {2 * ORDER} needed")
+        padding = min(int(_PADDING * self.rate / self.cutoff) + 1, samples - 1)
+        sections = butter(ORDER // 2, self.cutoff, fs=self.rate, output="sos")
+        return np.ascontiguousarray(sosfiltfilt(sections, signal, axis=axis, padlen=padding))
 
 
 def derivative(values: Array, rate: float) -> Array:
