@@ -140,12 +140,12 @@ class ByHand:
     def _answered(self, item: Item, items: Sequence[Item]) -> None:
         """Takes an operator's word. Raises ValueError where it is not clear for which trial."""
         trial = self._meant(item)
-        note = item.note
+        note, answer = item.note, item.answer  # read before its file is moved
         logs = [i.path for i in items if i is not item and i.trial == trial.name and i.path.exists()]
         self._accepted.set_aside(trial.name, [item.path, *logs])
-        if item.answer != "repeat":
-            self._accepted.finish(trial.name, item.answer, note)
-        become = "to be run again" if item.answer == "repeat" else item.answer
+        if answer != "repeat":
+            self._accepted.finish(trial.name, answer, note)
+        become = "to be run again" if answer == "repeat" else answer
         self._say(f"{trial.name}: {become}" + (f" ({note})" if note else ""))
 
     def _meant(self, item: Item) -> Trial:
