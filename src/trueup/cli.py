@@ -78,12 +78,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = _message(error)
         if message is None or args.debug:
             raise
-        _consoles(args)[1].print(f"[bold red]error[/] {message}", soft_wrap=True, highlight=False)
+        _consoles()[1].print(f"[bold red]error[/] {message}", soft_wrap=True, highlight=False)
         return _ERROR
 
 
 def _run(args: argparse.Namespace) -> int:
-    console, told = _consoles(args)
+    console, told = _consoles()
     with warnings.catch_warnings():
         if not args.debug:
             warnings.showwarning = _notes_on(told, quiet=getattr(args, "quiet", False))
@@ -124,7 +124,7 @@ def _message(error: Exception) -> str | None:
     return None
 
 
-def _consoles(args: argparse.Namespace) -> tuple[Console, Console]:
+def _consoles() -> tuple[Console, Console]:
     """Results go to standard output, progress, notes and errors to standard error."""
     from trueup.commands.console import PlainConsole
 

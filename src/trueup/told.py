@@ -99,7 +99,7 @@ class Told:
         if self.veered and not watched.veered:
             raise TrialError(f"veered: no line bounds the way of {trial.name} to the sides")
         self._check_times(trial, watched)
-        self._check_way(trial, watched)
+        self._check_way(watched)
         count, lines = len(self.seconds), len(watched.lines)
         if lines and count < lines and not ends:
             passed = "no line" if not count else f"line {count} alone" if count == 1 else f"{count} lines"
@@ -146,7 +146,7 @@ class Told:
                 f"{what}, where these settings' steps allow {fastest:.3g} m/s at the very most: a slip of the pen?"
             )
 
-    def _check_way(self, trial: Trial, watched: Watched) -> None:
+    def _check_way(self, watched: Watched) -> None:
         if math.isnan(self.metres):
             return
         passed = ((0.0, *watched.lines)[len(self.seconds)],) if self.seconds else (0.0,)

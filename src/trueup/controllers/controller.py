@@ -6,10 +6,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from trueup.arrays import Array
 from trueup.trial import Controller as Controller
 from trueup.trial import ControllerFactory as ControllerFactory
 from trueup.trial import Observation as Observation
+
+
+def as_declared(factory: ControllerFactory | None, own: Array) -> ControllerFactory | None:
+    """Makes the controller with `own` (m,) values of its parameters, whatever it is given; None makes none."""
+    if factory is None or not len(own):
+        return factory
+    return lambda values: factory(np.tile(own, (len(values), 1)))
 
 
 @runtime_checkable

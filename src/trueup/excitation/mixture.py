@@ -176,7 +176,7 @@ def mixed(
     """
     began, pool, chosen = time.perf_counter(), list[tuple[Trajectory, Array]](), list[Trajectory]()
     for k, (kind, draw) in enumerate(classes.items(), 1):
-        pool += _drawn(kind, draw, criterion, rng, allowed, 15)
+        pool += _drawn(kind, draw, criterion, rng, allowed)
         if told is not None:
             told(Step(float("nan"), len(pool), time.perf_counter() - began, k / len(classes)))
     if not pool:
@@ -193,10 +193,10 @@ def mixed(
 
 
 def _drawn(
-    kind: str, draw: Draw, criterion: Criterion, rng: np.random.Generator, allowed: Allowed | None, count: int
+    kind: str, draw: Draw, criterion: Criterion, rng: np.random.Generator, allowed: Allowed | None
 ) -> list[tuple[Trajectory, Array]]:  # fmt: skip
     """Motions of a class that are allowed, named by it, each with what it tells."""
-    found: list[tuple[Trajectory, Array]] = []
+    count, found = 15, list[tuple[Trajectory, Array]]()
     for _ in range(_DRAWS):
         t = draw(rng)
         t = t if t is None or allowed is None else allowed(t)

@@ -17,7 +17,7 @@ from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import joints_commanded
-from trueup.controllers.controller import ControllerFactory
+from trueup.controllers.controller import ControllerFactory, as_declared
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
@@ -78,15 +78,8 @@ class MujocoSimulator:
 
     def shipped(self) -> MujocoSimulator:
         """The same model as it came: no parameter applied, the same step."""
-        own = self._as_declared()
+        own = as_declared(self.controller, self.parameters.nominal[len(self.quantities) :])
         return MujocoSimulator(self.model, step=self.step, threads=self._threads, controller=own, gains=self.gains)
-
-    def _as_declared(self) -> ControllerFactory | None:
-        """The controller with the nominal values of its own parameters, whatever it is given."""
-        controller, own = self.controller, self.parameters.nominal[len(self.quantities) :]
-        if controller is None or not len(own):
-            return controller
-        return lambda values: controller(np.tile(own, (len(values), 1)))
 
     def with_parameters(self, space: ParameterSpace) -> MujocoSimulator:
         """The same simulator with other nominal values or frozen flags (names and order must stay)."""

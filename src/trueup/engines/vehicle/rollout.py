@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.controllers.controller import Controller, ControllerFactory, Observation
+from trueup.controllers.controller import Controller, ControllerFactory, Observation, as_declared
 from trueup.controllers.stanley import Stanley
 from trueup.controllers.stanley.kernel import path_table
 from trueup.cores import cores, in_threads
@@ -104,10 +104,7 @@ class VehicleSimulator:
 
     def shipped(self) -> VehicleSimulator:
         """The vehicle as it came, without parameters."""
-        controller, own = self.controller, self.parameters.nominal[len(self._columns) :]
-        declared: ControllerFactory | None = controller
-        if controller is not None and len(own):
-            declared = lambda values: controller(np.tile(own, (len(values), 1)))  # noqa: E731
+        declared = as_declared(self.controller, self.parameters.nominal[len(self._columns) :])
         return VehicleSimulator(self.vehicle, step=self.step, horizon=self.horizon, seed=self._seed, threads=self._threads,
                                 controller=declared, compiled=self._compiled)  # fmt: skip
 
