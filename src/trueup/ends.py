@@ -20,6 +20,11 @@ from trueup.trial import ENDED as ENDED
 from trueup.trial import LOOK, End, Ended, Observation, ended
 from trueup.trial import with_end as with_end
 
+TILT = 0.8
+"""rad from upright beyond which a robot counts as fallen."""
+LOW = 0.62
+"""Of its standing height: below, it lies, or sits on its knees."""
+
 
 @dataclass(frozen=True)
 class Fallen:

@@ -57,6 +57,11 @@ def way_along(points: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
+def thinned(points: Array, most: int) -> Array:
+    """Every so many of points (N, ...), about `most` of them."""
+    return points[:: max(1, len(points) // most)]
+
+
 def stretches_of(there: Mask) -> Integers:
     """(n, 2) the first of the samples (T,) of each stretch in which something is so, and the first one behind it."""
     return np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int))).reshape(-1, 2)

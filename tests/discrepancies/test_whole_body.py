@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from trueup.discrepancies.whole_body import in_nearest_angles, rotation_between
+from trueup.articulated.pose import quaternion_of, rotation_between
+from trueup.discrepancies.whole_body import in_nearest_angles
 
 
 def test_the_rotation_between_orientations_is_that_of_scipy() -> None:
     rng = np.random.default_rng(0)
     first, second = rng.uniform(-3.0, 3.0, (2, 200, 3))
-    ours = rotation_between(first, second)
+    ours = rotation_between(quaternion_of(first), quaternion_of(second))
     turned = [Rotation.from_euler("ZYX", angles[:, ::-1]) for angles in (first, second)]
     np.testing.assert_allclose(ours, (turned[0].inv() * turned[1]).as_rotvec(), atol=1e-9)
 
@@ -21,7 +22,7 @@ def test_going_head_over_changes_it_steadily_where_angles_jump() -> None:
     lean = np.linspace(0.0, 3.0, 301)
     over = Rotation.from_rotvec(lean[:, None] * [0.0, 1.0, 0.0]).as_euler("ZYX")[:, ::-1]
     assert np.abs(np.diff(over, axis=0)).max() > 3.0
-    apart = rotation_between(np.zeros((301, 3)), over)
+    apart = rotation_between(np.array([1.0, 0.0, 0.0, 0.0]), quaternion_of(over))
     np.testing.assert_allclose(apart, lean[:, None] * [0.0, 1.0, 0.0], atol=1e-9)
 
 
@@ -32,7 +33,8 @@ def test_a_torso_that_pitches_over_a_little_later_is_shown_a_little_off_and_not_
         for p in (pitch, pitch - 0.1)
     )
     shown = in_nearest_angles("base_orientation", ("roll", "pitch", "yaw"), measured, simulated)
-    np.testing.assert_allclose(rotation_between(simulated, shown), 0.0, atol=1e-9)  # the same orientations
+    apart = rotation_between(quaternion_of(simulated), quaternion_of(shown))
+    np.testing.assert_allclose(apart, 0.0, atol=1e-9)  # the same orientations
     assert np.abs(simulated - measured).max() > 3.0
     np.testing.assert_allclose(np.linalg.norm(shown - measured, axis=1), 0.1, rtol=1e-6)
     np.testing.assert_array_equal(in_nearest_angles("position", ("a", "b", "c"), measured, simulated), simulated)

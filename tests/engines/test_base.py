@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
-from trueup.articulated.pose import angles_of, near, quaternion_of, turning
+from trueup.articulated.pose import angles_of, near, product, quaternion_of, turning, up_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
@@ -80,6 +80,11 @@ def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
         spin, ahead = np.zeros(3), quaternion_of(angles + h * rates)
         mujoco.mju_subQuat(spin, ahead, quaternion_of(angles))
         np.testing.assert_allclose(turning(angles, rates), spin / h, atol=1e-5)
+        turned, matrix = np.zeros(4), np.zeros(9)
+        mujoco.mju_mulQuat(turned, ahead, quaternion_of(rates))
+        mujoco.mju_quat2Mat(matrix, ahead)
+        np.testing.assert_allclose(product(ahead, quaternion_of(rates)), turned, atol=1e-12)
+        np.testing.assert_allclose(up_of(ahead), matrix[6:], atol=1e-12)
     turns = near(np.array([[[0.1, 0.0, -3.1]]]), np.array([[0.1, np.nan, 3.15]]))
     np.testing.assert_allclose(turns[0, 0], [0.1, 0.0, 2.0 * np.pi - 3.1])
 

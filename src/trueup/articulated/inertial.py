@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.pose import ANGLES, AXES, QUATERNION, quaternion_of
+from trueup.articulated.pose import ANGLES, AXES, QUATERNION, quaternion_of, rotation_between
 from trueup.inspection.relations import CORRELATED, nearest
 from trueup.inspection.sensors import is_accelerometer, is_gyro
 from trueup.recording import Channel, Recording
@@ -171,10 +171,4 @@ def _turns(orientation: Channel, time: Array) -> Array:
     signs = np.cumprod(np.concatenate([[1.0], np.where(np.nansum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)]))
     good = np.isfinite(q).all(axis=1)
     first, second = (between(t, orientation.time[good], (q * signs[:, None])[good]) for t in (time, time + _TURN))
-    w = np.sum(first * second, axis=1)
-    v1, v2 = first[:, 1:], second[:, 1:]
-    vector = first[:, :1] * v2 - second[:, :1] * v1 - np.cross(v1, v2)
-    vector = np.where(w[:, None] < 0.0, -vector, vector)
-    size = np.linalg.norm(vector, axis=1)
-    angle = 2.0 * np.arctan2(size, np.abs(w))
-    return vector * (np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0))[:, None]
+    return rotation_between(first, second)

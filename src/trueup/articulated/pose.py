@@ -7,6 +7,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.samples import unwound, wrapped
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
@@ -50,6 +51,30 @@ def quaternion_of(angles: Array) -> Array:
     return np.stack([
         cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
     ], axis=-1)  # fmt: skip
+
+
+def product(first: Array, second: Array) -> Array:
+    """(..., 4) w, x, y, z of the rotations `second` (..., 4), then `first`, about axes of the world."""
+    w, v = first[..., :1], first[..., 1:]
+    other, u = second[..., :1], second[..., 1:]
+    scalar = w * other - np.sum(v * u, axis=-1, keepdims=True)
+    return np.concatenate([scalar, w * u + other * v + np.cross(v, u)], axis=-1)
+
+
+def rotation_between(first: Array, second: Array) -> Array:
+    """(..., 3) rotation vectors in rad from the first quaternions w, x, y, z (..., 4) to the second, in its axes."""
+    turn = product(first * (1.0, -1.0, -1.0, -1.0), second)
+    scalar, vector = turn[..., :1], turn[..., 1:]
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, np.abs(scalar))
+    factor = np.where(sine > ROUNDED, angle / np.maximum(sine, NEGLIGIBLE), 2.0)
+    return np.where(scalar < 0.0, -1.0, 1.0) * factor * vector
+
+
+def up_of(quaternion: Array) -> Array:
+    """(..., 3) the world's z in the frame of what is turned by unit quaternions w, x, y, z (..., 4)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
 
 
 def turning(angles: Array, rates: Array) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.articulated.pose import ORIENTATION, POSITION, angles_of, quaternion_of
+from trueup.articulated.pose import ORIENTATION, POSITION, angles_of, product, quaternion_of
 from trueup.articulated.signals import Signals
 from trueup.chance import Sensing, StartScatter, Streams
 from trueup.trial import Trial
@@ -200,15 +200,13 @@ def read_noise(trial: Trial, channel: str, values: Array) -> Array:
 
 def turned(quaternion: Array, by: Array) -> Array:
     """(b, 4) quaternions w, x, y, z turned by small angles (b, 3), in rad, about the body's own axes."""
-    w, v = quaternion[:, :1], quaternion[:, 1:]
-    half = 0.5 * by
-    out = np.hstack([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)])
+    out = product(quaternion, np.hstack([np.ones((len(by), 1)), 0.5 * by]))
     return out / np.linalg.norm(out, axis=1, keepdims=True)
 
 
 def turned_angles(angles: Array, by: Array) -> Array:
     """(b, 3) roll, pitch and yaw turned so."""
-    return angles_of(turned(np.stack([quaternion_of(a) for a in angles]), by))
+    return angles_of(turned(quaternion_of(angles), by))
 
 
 def _add(seen: Array, sense: Sense, error: Array) -> None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.pose import quaternion_of, up_of
+from trueup.ends import LOW, TILT
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError, TrialError, unknown_name
 from trueup.recording import Channel
@@ -24,10 +26,6 @@ if TYPE_CHECKING:
 
 
 _LET_DOWN = np.linspace(-0.05, 0.15, 21)  # of the base's height in a keyframe, added to it: where it is let down from
-_STANDS, _SINKS = (
-    np.cos(np.pi / 4),
-    0.75,
-)  # of the turn and of the height that a pose has in its keyframe, where it rests
 _INTERVAL = 0.3  # s, a first guess
 
 
@@ -180,17 +178,11 @@ def _rest(simulator: Simulator, model: Model, motion: Motion, pose: Posture) -> 
         touching = overlap(model, pose)
         raise TrialError(f"{error}" + (f" (in keyframe '{pose.name}' {touching})" if touching else "")) from None
     (ended,), height = rest["base_orientation"].values, float(rest["base_position"].column("z")[0])
-    cosine = float(_up(pose.angles) @ _up(ended))
-    if cosine < _STANDS or height < _SINKS * pose.position[2]:
-        turned = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    start, end = up_of(quaternion_of(np.array([pose.angles, ended])))
+    turned = np.degrees(np.arccos(np.clip(start @ end, -1.0, 1.0)))
+    if turned > np.degrees(TILT) or height < LOW * pose.position[2]:
         raise TrialError(
             f"pose '{pose.name}' falls over or sinks: its base ends {height:.3g} m high and turned by {turned:.0f} degrees, "
             f"in the keyframe it is {pose.position[2]:.3g} m high; move its feet below its weight"
         )
     return rest
-
-
-def _up(angles: Array) -> Array:
-    """(3,) the world's vertical in the frame of a base with roll, pitch, yaw (3,) in rad."""
-    (sr, sp), (cr, cp) = np.sin(angles[:2]), np.cos(angles[:2])
-    return np.array([-sp, sr * cp, cr * cp])

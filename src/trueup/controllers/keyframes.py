@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.pose import angles_of
 from trueup.controllers.controller import Observation
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
@@ -287,8 +288,7 @@ def pitch_of(base: int = 3, joint: int = 3) -> Tilt:
     """
 
     def tilt(seen: Observation) -> tuple[Array, Array]:
-        w, x, y, z = seen.position[:, base : base + 4].T
-        return np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)), np.array(seen.velocity[:, joint + 1])
+        return angles_of(seen.position[:, base : base + 4])[:, 1], np.array(seen.velocity[:, joint + 1])
 
     return tilt
 

@@ -12,11 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.pose import ANGLES, ORIENTATION, near, quaternion_of
+from trueup.articulated.pose import ANGLES, ORIENTATION, near, quaternion_of, rotation_between
 from trueup.discrepancies.discrepancy import by_samples, measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
-from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 SCALES = {"base_orientation": 0.1, "base_position": 0.05, "position": 0.3}
 """rad, m, rad that count as one: a torso that leans 0.1 rad more is about to fall, a joint that lags as much is not."""
@@ -40,22 +39,12 @@ class WholeBody:
 
 def _apart(name: str, labels: tuple[str, ...], measured: Array, values: Array) -> Array:
     turned = name == ORIENTATION and labels == ANGLES
-    return rotation_between(measured, values) if turned else values - measured
+    return _turn(measured, values) if turned else values - measured
 
 
-def rotation_between(first: Array, second: Array) -> Array:
+def _turn(first: Array, second: Array) -> Array:
     """(..., 3) rotation vectors in rad that lead from the first roll, pitch, yaw (..., 3) to the second, in its axes."""
-    w, x, y, z = np.moveaxis(quaternion_of(first), -1, 0)
-    vw, vx, vy, vz = np.moveaxis(quaternion_of(second), -1, 0)
-    # The conjugate of the first times the second.
-    scalar = w * vw + x * vx + y * vy + z * vz
-    vector = np.stack([
-        w * vx - x * vw - y * vz + z * vy, w * vy - y * vw - z * vx + x * vz, w * vz - z * vw - x * vy + y * vx
-    ], axis=-1)  # fmt: skip
-    sine = np.linalg.norm(vector, axis=-1)
-    angle = 2.0 * np.arctan2(sine, np.abs(scalar))
-    factor = np.where(sine > ROUNDED, angle / np.maximum(sine, NEGLIGIBLE), 2.0) * np.where(scalar < 0.0, -1.0, 1.0)
-    return vector * factor[..., None]
+    return rotation_between(quaternion_of(first), quaternion_of(second))
 
 
 def in_nearest_angles(channel: str, labels: tuple[str, ...], measured: Array, values: Array) -> Array:
@@ -77,6 +66,6 @@ def orientation_error(real: Sequence[Recording], simulated: Sequence[Rollout]) -
         held = rollout.held()
         observed = held.trial.observed[ORIENTATION]
         measured = measured_at(recording, ORIENTATION, observed.labels, observed.time)
-        angle = np.linalg.norm(rotation_between(measured, held.channels[ORIENTATION][0]), axis=-1)
+        angle = np.linalg.norm(_turn(measured, held.channels[ORIENTATION][0]), axis=-1)
         squares, count = squares + float(np.nansum(angle**2)), count + int(np.isfinite(angle).sum())
     return float(np.sqrt(squares / max(count, 1)))

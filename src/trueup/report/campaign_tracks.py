@@ -19,6 +19,7 @@ from trueup.report.drawing import LINE, SAMPLES
 from trueup.report.markup import Markup, join, tag
 from trueup.report.plots import AFTER, BEFORE, FAINT, Plot, span
 from trueup.rounding import TINY
+from trueup.samples import thinned
 
 POSITION, ORIENTATION = BASE
 _BASE = {"pitch": "pitch of the torso", "roll": "roll of the torso", "z": "height of the torso"}
@@ -67,13 +68,13 @@ def _has(recording: Recording, channel: str, label: str) -> bool:
 
 def _map(track: Track) -> Markup:
     lines = [(r, c) for r, c in ((track.first, BEFORE), (track.best, AFTER)) if r is not None and r.has("position")]
-    points = [(_thin(r.channel("position").select(("x", "y")).values), c) for r, c in lines]
+    points = [(thinned(r.channel("position").select(("x", "y")).values, SAMPLES), c) for r, c in lines]
     everything = np.concatenate([p for p, _ in points])
     wide, high = (float(np.nanmax(everything[:, k]) - np.nanmin(everything[:, k])) for k in (0, 1))
     height = int(np.clip(58 + 760 * high / max(wide, TINY), 160, 560))
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=860, height=height, equal=True)
     if track.wanted is not None:
-        plot.line(_thin(track.wanted), FAINT, width=3 * LINE)
+        plot.line(thinned(track.wanted, SAMPLES), FAINT, width=3 * LINE)
     for p, colour in points:
         plot.line(p, colour)
     return plot.svg(f"Where the robot went in {track.of}: at first, and with the best settings")
@@ -84,7 +85,7 @@ def _over_time(track: Track, channel: str, label: str) -> Markup:
     for recording, colour in ((track.first, BEFORE), (track.best, AFTER)):
         if recording is not None and recording.has(channel) and label in recording.channel(channel).labels:
             c = recording.channel(channel)
-            lines.append((_thin(np.stack([c.time - c.time[0], c.column(label)], axis=1)), c.unit, colour))
+            lines.append((thinned(np.stack([c.time - c.time[0], c.column(label)], axis=1), SAMPLES), c.unit, colour))
     everything = np.concatenate([p for p, _, _ in lines])
     title = f"{_BASE.get(label, label) if channel in (ORIENTATION, POSITION) else label}, {lines[0][1]}"
     plot = Plot(span(everything[:, 0], margin=0.0), span(everything[:, 1]), "time, s", title, width=860, height=200)
@@ -127,7 +128,3 @@ def _recording(story: TrialStory, folder: Path) -> Recording | None:
     except TrueupError:
         return None
     return found
-
-
-def _thin(points: Array) -> Array:
-    return points[:: max(1, len(points) // SAMPLES)]

@@ -16,7 +16,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.chance import Disturbance, Sensing
 from trueup.controllers.controller import Controller, ControllerFactory
 from trueup.controllers.walk_engine.requests import TARGETS, targets
-from trueup.ends import End, Fallen, Left
+from trueup.ends import LOW, TILT, End, Fallen, Left
 from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
 from trueup.tasks.paces import SLOWEST, Paces, lap_speeds, tallied, told_speeds
@@ -26,10 +26,6 @@ from trueup.trial import Observed, Trial, Watched
 from trueup.units import GRAVITY
 
 PLACE, ANGLES = "base_position", "base_orientation"
-TILT = 0.8
-"""rad from upright beyond which a robot counts as fallen."""
-LOW = 0.62
-"""Of its standing height: below, it lies, or sits on its knees."""
 _FAST = 2.0  # times what its steps make: single laps of bipeds in benchmarks/walk_plan.py reach 1.5 times that
 _BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
 

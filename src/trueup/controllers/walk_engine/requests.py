@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.pose import angles_of
 from trueup.controllers.controller import Observation
 from trueup.errors import TrialError
 from trueup.rounding import SAME_INSTANT
@@ -68,10 +69,10 @@ class OfTrial:
         return self._toward(_present(references[TARGETS], observation), observation.position)
 
     def _toward(self, target: Array, position: Array) -> Array:
-        x, y, _, qw, qx, qy, qz = position[:, self.base : self.base + 7].T
+        x, y = position[:, self.base : self.base + 2].T
         if np.isnan(target[:2]).any():
             return np.zeros((len(x), 3))
-        yaw = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+        yaw = angles_of(position[:, self.base + 3 : self.base + 7])[:, 2]
         dx, dy = target[0] - x, target[1] - y
         aside = wrapped(np.arctan2(dy, dx) - yaw)
         share = target[2] * np.minimum(np.hypot(dx, dy) / self.near, 1.0)

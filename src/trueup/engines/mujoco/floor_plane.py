@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.pose import product
 
 FLOOR = "calibrated_floor"
 """Name of the plane that is added to a model without one."""
@@ -104,7 +105,4 @@ def _standing(m: mujoco.MjModel, plane: int) -> int:
 def turned(own: Array, roll: Array, pitch: Array) -> Array:
     """(b, 4) quaternions of a plane that lies as `own` (4,) says, turned about the world's x, then about its y."""
     (cr, sr), (cp, sp) = ((np.cos(0.5 * a), np.sin(0.5 * a)) for a in (roll, pitch))
-    out = np.empty((len(roll), 4))
-    for row, turn in zip(out, np.stack([cp * cr, cp * sr, sp * cr, -sp * sr], axis=-1), strict=True):
-        mujoco.mju_mulQuat(row, turn, own)
-    return out
+    return product(np.stack([cp * cr, cp * sr, sp * cr, -sp * sr], axis=-1), np.tile(own, (len(roll), 1)))

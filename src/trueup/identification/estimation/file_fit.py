@@ -14,6 +14,7 @@ from trueup.identification.estimation.moments import Moments, weighted_fit
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.rounding import TINY
+from trueup.samples import thinned
 
 _FRICTION = ("coulomb", "viscous")
 _LEAST = 1e-3
@@ -78,7 +79,7 @@ def _at_joints(
 
     squares = drives.T**2
     turned = np.stack([np.roll(v, j * len(v) // len(drives)) for j, v in enumerate(speed.T)], axis=1)
-    turned = turned[:: max(1, len(turned) // 2000)]
+    turned = thinned(turned, 2000)
     through = turned @ drives.T
     torque = (coulomb * np.sign(through) + viscous * through) @ drives
     pairs = [nnls(np.column_stack([np.sign(v), v]), t)[0] for v, t in zip(turned.T, torque.T, strict=True)]

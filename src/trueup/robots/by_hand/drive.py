@@ -10,7 +10,7 @@ from trueup.evidence import HALVED
 from trueup.inspection.asked import correlation
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
-from trueup.samples import between, way_along, wrapped
+from trueup.samples import between, thinned, way_along, wrapped
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 from trueup.units import FULL_LOCK
@@ -63,7 +63,7 @@ def _mirrored(driven: Array, wanted: Array, near: float) -> list[str]:
 
 def _apart(driven: Array, wanted: Array) -> float:
     """Median distance in m of a drive (N, 2) from a path (M, 2) after the same way along each, as far as both go."""
-    few = _thin(driven, 200)  # so that noise adds little to the way
+    few = thinned(driven, 200)  # so that noise adds little to the way
     ways = [way_along(p) for p in (few, wanted)]
     at = np.linspace(0.0, min(way[-1] for way in ways), 200)
     places = [between(at, way, p) for way, p in zip(ways, (few, wanted), strict=True)]
@@ -71,7 +71,7 @@ def _apart(driven: Array, wanted: Array) -> float:
 
 
 def _astray(driven: Array, wanted: Array, extent: float) -> list[str]:
-    few, dense = _thin(driven, 200), _thin(wanted, 2000)
+    few, dense = thinned(driven, 200), thinned(wanted, 2000)
     away = np.sqrt(((few[:, None, :] - dense[None, :, :]) ** 2).sum(axis=2)).min(axis=1)
     if np.median(away) <= max(_ASTRAY * extent, _PLACED):
         return []
@@ -194,7 +194,3 @@ def _off(angles: Array) -> float:
     """Median size of angles, whole turns aside; 0 without any."""
     known = angles[np.isfinite(angles)]
     return float(np.median(np.abs(wrapped(known)))) if len(known) else 0.0
-
-
-def _thin(points: Array, most: int) -> Array:
-    return points[:: max(1, len(points) // most)]

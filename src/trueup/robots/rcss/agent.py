@@ -9,6 +9,7 @@ import time
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.pose import up_of
 from trueup.errors import RobotFellError, TrialError
 from trueup.robots.rcss.body import Body
 from trueup.robots.rcss.connection import Connection
@@ -107,8 +108,7 @@ class Agent:
         if abs(passed - self.cycle * CYCLE) > _CLOCK:  # cycles were missed
             self.cycle = round(passed / CYCLE)
         if self.now.orientations:
-            w, x, y, z = next(iter(self.now.orientations.values()))
-            self._up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+            self._up = up_of(np.array(next(iter(self.now.orientations.values()))))
         elif self.now.accelerometers:
             felt = np.array(next(iter(self.now.accelerometers.values())))
             self._up = self._up + CYCLE / _STEADY * (felt / GRAVITY - self._up)

@@ -18,14 +18,13 @@ from trueup.chance import Buffeting, StartScatter
 from trueup.controllers.controller import Controller, Observation
 from trueup.controllers.playback import Playback
 from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
-from trueup.ends import Fallen
+from trueup.ends import LOW, TILT, Fallen
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.studies.walk.scenes import MOTORS, NAO, NOISE, STEP, biped
-from trueup.tasks.walking import LOW, TILT
 from trueup.trial import Observed, Trial
 
 PERIOD = 0.01

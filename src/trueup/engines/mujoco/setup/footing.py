@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, product, quaternion_of, up_of
+from trueup.ends import TILT
 from trueup.engines.mujoco.base import floating, free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
@@ -27,7 +28,6 @@ _MOSTLY = 0.1
 """Share of a run by whose lowest points the floor is known: whatever hops, is lifted or falls touches it that long."""
 _FEWEST = 5
 """Poses off the floor that tell whether the robot flies: in 0.1 s what falls is 5 cm away from what goes straight on."""
-_LIES, _STANDS = 0.5, 0.87  # cosines of what an upright base leans: more than 60 degrees, less than 30
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From a frame whose y points up to one whose z does: x, -z, y."""
 
@@ -39,8 +39,8 @@ class _Poses:
     time: Array
     heights: Array
     base: Array
-    upright: float
-    """Cosine of what its base leant beside the model's first keyframe or reference pose, in the median."""
+    lean: float
+    """What its base leant beside the model's first keyframe or reference pose, in rad, in the median."""
 
     @property
     def floor(self) -> float:
@@ -154,43 +154,32 @@ def _poses(reach: Reach, recording: Recording) -> _Poses | None:
     if np.count_nonzero(good) < 3:
         return None
     heights = reach.lowest(labels, joints[good], bases[good])
-    return _Poses(time[good], heights, bases[good, 2], _upright(reach.model, bases[good]))
+    return _Poses(time[good], heights, bases[good, 2], _lean(reach.model, bases[good]))
 
 
-def _upright(m: mujoco.MjModel, bases: Array) -> float:
-    """Cosine of the angle between what points up in the model's pose and in these (T, 7), in the median."""
+def _lean(m: mujoco.MjModel, bases: Array) -> float:
+    """Angle between what points up in the model's pose and in these (T, 7), in rad, in the median."""
     start = int(m.jnt_qposadr[free_joint(m)])
     own = (m.key_qpos[0] if m.nkey else m.qpos0)[start + 3 : start + 7]
-    ups = np.array([_up(q) for q in (own, *bases[:, 3:])])
-    return float(np.median(ups[1:] @ ups[0]))
-
-
-def _up(quaternion: Array) -> Array:
-    """(3,) the world's z in a body's frame."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion, dtype=np.float64))
-    return matrix[6:9]
+    return float(np.arccos(np.clip(np.median(up_of(bases[:, 3:]) @ up_of(np.array(own))), -1.0, 1.0)))
 
 
 def _has_y_up(reach: Reach, recording: Recording) -> bool:
     """Whether a robot stands if y points up in its log's frame, and lies further beside the floor if z does."""
     as_it_is = _poses(reach, recording)
-    if as_it_is is None or as_it_is.upright > _LIES:
+    if as_it_is is None or as_it_is.lean < TILT:
         return False
     other = _poses(reach, _z_up(recording))
-    return other is not None and other.upright > _STANDS and abs(other.floor) < abs(as_it_is.floor)
+    return other is not None and other.lean < TILT and abs(other.floor) < abs(as_it_is.floor)
 
 
 def _z_up(recording: Recording) -> Recording:
     """A recording whose frame's y points up, in one whose z does."""
     recording = in_angles(recording)
     place, turn = recording.channel(POSITION), recording.channel(ORIENTATION)
-    quaternion, by = np.zeros(4), np.zeros(4)
+    by = np.zeros(4)
     mujoco.mju_mat2Quat(by, _Y_UP.ravel())
-    turned = np.empty((len(turn.time), 4))
-    for row, q in zip(turned, quaternion_of(turn.values), strict=True):
-        mujoco.mju_mulQuat(quaternion, by, q)
-        row[:] = quaternion
+    turned = product(np.tile(by, (len(turn.time), 1)), quaternion_of(turn.values))
     recording = recording.with_channel(place.replace(labels=AXES, values=place.select(AXES).values @ _Y_UP.T))
     return in_angles(recording.with_channel(turn.replace(labels=("w", "x", "y", "z"), unit="", values=turned)))
 

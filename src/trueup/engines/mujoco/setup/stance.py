@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.ends import TILT
 from trueup.engines.mujoco.model import Model
 from trueup.evidence import HALVED
 from trueup.instant import STILL
@@ -18,7 +19,6 @@ from trueup.trial import command_of
 
 BEGINNING = 0.1  # s in which a robot rests that begins at rest
 _SETTLED = 2.0  # s in which servos come to rest under their load
-_UPRIGHT = 0.5  # rad that a base leans at most while its robot stands
 
 
 @dataclass(frozen=True)
@@ -88,5 +88,5 @@ def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
     upright = data.xmat[root].copy()
     mujoco.mj_step(compiled, data, int(np.ceil(_SETTLED / compiled.opt.timestep)))
     leans = float(np.arccos(np.clip(data.xmat[root][6:] @ upright[6:], -1.0, 1.0)))
-    fell = compiled.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE and leans > _UPRIGHT
+    fell = compiled.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE and leans > TILT
     return None if fell or not np.isfinite(data.qpos).all() else data.qpos[places] - rest.told
