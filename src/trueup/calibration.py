@@ -202,6 +202,15 @@ def pooled_rmse(replays: Sequence[Replay], *, after: bool) -> float:
     return float(np.sqrt(every.mean())) if every.size else float("nan")
 
 
+def by_label(replays: Sequence[Replay]) -> dict[str, list[Replay]]:
+    """Each label that occurs, in the order of first appearance, to the replays that have it, with no other in them."""
+    found: dict[str, list[Replay]] = {}
+    for replay in replays:
+        for k, label in enumerate(replay.labels):
+            found.setdefault(label, []).append(replay.columns([k]))
+    return found
+
+
 def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
     """Replays with one unit each: those of channels that `recordings` have in several (hinges and slides) come apart."""
     units = {(r.name, name): dict(zip(c.labels, c.units, strict=True)) for r in recordings

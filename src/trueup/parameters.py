@@ -69,6 +69,11 @@ class Parameter:
                 f"{self.lower} ... {self.upper}; widen the bounds or freeze it"
             )
 
+    @property
+    def log_range(self) -> float:
+        """How far the logarithms of its bounds lie apart; 0 on a linear scale."""
+        return math.log(self.upper / self.lower) if self.scale == "log" else 0.0
+
     def replace(self, **changes: object) -> Parameter:
         """A copy with some fields changed; checked like a new one."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]

@@ -55,6 +55,11 @@ class Reference:
     values: Array
     """(N, k), one column a label, in `units`."""
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Each label with its unit: 'x [m]'."""
+        return tuple(f"{label} [{unit}]" for label, unit in zip(self.labels, self.units, strict=True))
+
 
 @dataclass(frozen=True)
 class Observed:
@@ -254,13 +259,9 @@ class Trial:
         # A channel that begins later than the others is simply not observed before.
         start = min(starts) if command is None else max(min(starts), min(o.time[0] for o in observed.values()))
         return cls(
-            name=recording.name,
-            start=float(start),
-            duration=float(stop - start),
-            command=command,
-            observed=observed,
+            name=recording.name, start=float(start), duration=float(stop - start), command=command, observed=observed,
             initial={name: recording.channel(name) for name in measured},
-        )
+        )  # fmt: skip
 
 
 def with_end(recording: Recording, ended: Ended) -> Recording:

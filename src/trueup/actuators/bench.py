@@ -22,14 +22,13 @@ from trueup.noise import estimate_noise
 from trueup.recording import Recording, warnings_of
 from trueup.rounding import TINY
 from trueup.samples import between, held_integral, in_force
-from trueup.trial import command_of
+from trueup.trial import ENABLED, command_of
 from trueup.typed_toml import build
 from trueup.units import GRAVITY
 
 _AROUND = 0.04  # s that a line is laid through to know position and speed at an instant
 _OUTPUTS = ("torque", "current", "load", "effort", "pwm", "duty", "present_load", "present_current", "present_pwm")
 """Channels that may show what the servo gives; the first that is there."""
-ENABLED = "torque_enable"
 _LONGEST = 10.0
 """m: no servo swings a longer pendulum; a length in mm or cm is beyond it."""
 

@@ -96,7 +96,7 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
     """Least squares from a start; `start` also holds values that are not searched. Raises CalibrationError."""
     space = ParameterSpace(tuple(parameters))
     fixed = {n: v for n, v in start.items() if n not in space.names}
-    ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in parameters])
+    ranges = np.array([p.log_range for p in parameters])
     begin = space.to_unit([start.get(p.name, p.nominal) for p in parameters])
     search = LeastSquares(
         np.clip(begin, 0.0, 1.0), ranges, max_iterations=iterations, confirm=without is None, nudge=_NUDGE

@@ -36,6 +36,12 @@ _MEND = "Restore it from a copy, or go on from the lines before: trueup resume {
 _CHECKED = re.compile(rb'(.*),"check":"([0-9a-f]{16})"\}', re.DOTALL)
 
 
+def reference_file(folder: Path, of: str, name: str) -> Path:
+    """Where a campaign's folder has what the task's trial `of` follows."""
+    of, name = ("".join(c if c.isalnum() or c in "-_" else "_" for c in part) for part in (of, name))
+    return folder / "references" / f"{of}.{name}.csv"
+
+
 def read_journal(folder: Path) -> tuple[Event, ...]:
     """All events of the campaign in `folder`, for reading only; a torn last line is left out.
 

@@ -81,7 +81,12 @@ class Output:
         self.state_file.unlink(missing_ok=True)
 
 
-def free_folder(folder: Path, free: Callable[[Path], bool]) -> Path:
+def is_empty(folder: Path) -> bool:
+    """Whether nothing is in a folder, or it is not there."""
+    return not folder.exists() or not any(folder.iterdir())
+
+
+def free_folder(folder: Path, free: Callable[[Path], bool] = is_empty) -> Path:
     """The folder, or the first of folder-2, folder-3 ... that is `free` to write results to; made. Raises OutputError."""
     for at in numbered(folder):
         if free(at):

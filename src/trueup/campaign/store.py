@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from trueup.campaign.journal import keep_text
+from trueup.campaign.journal import keep_text, reference_file
 from trueup.errors import JournalError, TrueupError
 from trueup.formats import read, write
 from trueup.formats.aside import sync_folder
 from trueup.recording import Recording
 from trueup.trial import Trial
 
-FOLDER, REFERENCES = "recordings", "references"
+FOLDER = "recordings"
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,9 @@ class Store:
     def keep_references(self, trial: Trial, of: str) -> None:
         """Writes what a trial follows, once for each of the task's trials, for whoever looks at it later."""
         for name, reference in trial.references.items():
-            path = self._folder.parent / REFERENCES / f"{_plain(of)}.{_plain(name)}.csv"
+            path = reference_file(self._folder.parent, of, name)
             if not path.exists():
-                head = ",".join(
-                    f"{label} [{unit}]" for label, unit in zip(reference.labels, reference.units, strict=True)
-                )
+                head = ",".join(reference.columns)
                 rows = [",".join(f"{v:.9g}" for v in row) for row in reference.values]
                 keep_text(path, "\n".join([head, *rows]) + "\n")
 
@@ -97,11 +95,6 @@ class Store:
 
     def _outcome(self, trial: str) -> Path:
         return self._folder / f"{trial}.json"
-
-
-def _plain(name: str) -> str:
-    """A name that may be part of a file's."""
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
 
 
 def checksum(recording: Recording) -> str:

@@ -109,7 +109,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     )
     if ready is not None:
         grounding, story["simulator"] = _grounded(args, grounding, ready)
-    folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
+    folder = free_folder(Path(args.out))
     grounding.save(folder / "grounding.npz")
     write_grounding_report(story, folder / "report.html")
     write_json(story, folder / "grounding.json")

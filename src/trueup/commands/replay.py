@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from trueup.calibration import Ahead, Replay, pooled_rmse
+from trueup.calibration import Ahead, Replay, by_label, pooled_rmse
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, table_of, tell
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             console.print(_table([r for r in replays if (r.channel, r.unit) == kind], beside))
             console.print(_further([r for r in replays if (r.channel, r.unit) == kind], compared.ahead))
     if args.out:
-        folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
+        folder = free_folder(Path(args.out))
         if compared.predictions:
             write_drives(compared, folder)
         else:
@@ -153,12 +153,11 @@ def _further(found: Sequence[Replay], ahead: Sequence[Ahead]) -> Table:
     ahead_in = (*(["next sample"] if horizons else []), *(f"{h:g} s ahead" for h in horizons[1:]))
     title = f"{found[0].channel}, other errors in {scale.unit}"
     table = table_of("", "mean size", "at the end", *ahead_in, title=escape(title))
-    labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
-    joints = ((x, [r.columns([r.labels.index(x)]) for r in found if x in r.labels]) for x in labels)
-    for name, parts in (*joints, ("all", list(found))):
+    joints = by_label(found)
+    for k, (name, parts) in enumerate((*joints.items(), ("all", found)), 1):
         seen = {(r.recording, label) for r in parts for label in r.labels}
         values = (*errors_of(parts)[1:], *ahead_of(own, seen, len(horizons)))
-        table.add_row(escape(name), *(scale.text(v) for v in values), end_section=name == labels[-1])
+        table.add_row(escape(name), *(scale.text(v) for v in values), end_section=k == len(joints))
     if horizons:
         table.caption = "ahead: predictions that begin again and again where the robot was measured to be"
     return table
@@ -208,11 +207,10 @@ def _table(found: list[Replay], compared: bool) -> Table:
         worst = int(np.nanargmax(replay.rmse_after()))
         most = f"{replay.labels[worst]} {scale.text(float(replay.rmse_after()[worst]))}"
         row(replay.recording, [replay], most, end_section=k == len(found))
-    labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
-    for k, label in enumerate(labels, 1):
-        parts = [r.columns([r.labels.index(label)]) for r in found if label in r.labels]
+    joints = by_label(found)
+    for k, (label, parts) in enumerate(joints.items(), 1):
         worst_of = max(parts, key=lambda r: float(np.nan_to_num(r.rmse_after()[0])))
-        row(label, parts, worst_of.recording if len(parts) > 1 else "", end_section=k == len(labels))
+        row(label, parts, worst_of.recording if len(parts) > 1 else "", end_section=k == len(joints))
     row("all", found, "")
     return table
 

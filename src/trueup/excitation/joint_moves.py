@@ -9,7 +9,7 @@ from trueup.arrays import Array, Integers
 from trueup.compiled import njit
 from trueup.excitation.following import NO_MOTION, excess, keep
 from trueup.excitation.inverse_kinematics import REACHED
-from trueup.excitation.profiles import law
+from trueup.excitation.profiles import advance, law
 from trueup.excitation.tool_path import law_of, slow_down, starts
 from trueup.identification.poses import put
 
@@ -27,11 +27,7 @@ def joint_state(t: float, begin: Array, T: Array, Q: Array, q: Array, qd: Array,
         if s >= 1.0:
             put(Q[k + 1], q)
             continue
-        for j in range(len(q)):
-            step = Q[k + 1, j] - Q[k, j]
-            q[j] += step * s
-            qd[j] += step * rate
-            qdd[j] += step * bend
+        advance(Q[k], Q[k + 1], s, rate, bend, q, qd, qdd)
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.compiled import njit
 
 
@@ -47,6 +48,16 @@ def law(t: float, first: float, second: float, third: float) -> tuple[float, flo
         s, rate, bend = _rising(total - t, first, second, third)
         return 1.0 - s, rate, -bend
     return _rising(t, first, second, third)
+
+
+@njit(cache=True, nogil=True)
+def advance(start: Array, end: Array, s: float, rate: float, bend: float, q: Array, qd: Array, qdd: Array) -> None:
+    """Adds the way from `start` (n,) to `end`, of which the share s is behind, ds/dt and d2s/dt2, to q, qd, qdd (n,)."""
+    for i in range(len(start)):
+        step = end[i] - start[i]
+        q[i] += step * s
+        qd[i] += step * rate
+        qdd[i] += step * bend
 
 
 @njit(cache=True, nogil=True)

@@ -15,7 +15,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.compiled import njit
 from trueup.excitation.chain import rotation_between, turned
-from trueup.excitation.profiles import law, ramps, time_of_share
+from trueup.excitation.profiles import advance, law, ramps, time_of_share
 from trueup.identification.poses import apply, distance, length, put, put_all
 
 
@@ -121,10 +121,8 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
     """Pose R_ (3, 3), p (3,) and rates v, a (6 + own,) of the program at t; own joint values go to v, a's tail and p's.
 
     p has 3 + own entries. Returns the move that is under way (the later one where two blend).
-    Longer than 40 lines because each component of position, turn and own joints is written out for the compiler.
     """
     P, R, X, turns, T, begin = way
-    own = X.shape[1]
     put(P[0], p)
     put(X[0], p[3:])
     v[:] = 0.0
@@ -142,16 +140,8 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
             put(X[k + 1], p[3:])
             put_all(R[k + 1], R_)
             continue
-        for i in range(3):
-            step = P[k + 1, i] - P[k, i]
-            p[i] += step * s
-            v[i] += step * rate
-            a[i] += step * bend
-        for i in range(own):
-            step = X[k + 1, i] - X[k, i]
-            p[3 + i] += step * s
-            v[6 + i] += step * rate
-            a[6 + i] += step * bend
+        advance(P[k], P[k + 1], s, rate, bend, p[:3], v[:3], a[:3])
+        advance(X[k], X[k + 1], s, rate, bend, p[3:], v[6:], a[6:])
         apply(R_, turns[k], axis)  # in the base frame, carried by what still turns of the move before
         put(v[3:6], spin)
         a[3] += axis[0] * bend + (spin[1] * axis[2] - spin[2] * axis[1]) * rate

@@ -30,7 +30,7 @@ def alike(problem: Problem, space: ParameterSpace, start: Array, robust: float =
     kinds, free = space.kinds, [p for p in space.parameters if not p.frozen]
     begun = np.bincount(kinds, start) / np.bincount(kinds)
     first = [free[int(np.argmax(kinds == k))] for k in range(len(begun))]
-    ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in first])
+    ranges = np.array([p.log_range for p in first])
     search = LeastSquares(
         begun, ranges, robust=robust, nudge=0.0, least_damping=HELD, share=3e-2, tolerance=_LOOSELY, max_iterations=15,
         confirm=False, worth=lambda residual: problem.chance(residual) * len(begun),

@@ -91,8 +91,8 @@ def _together(
 
 def _search(space: ParameterSpace, start: Array, part: Part, robust: float, tolerance: float) -> LeastSquares:
     free = [p for p in space.parameters if not p.frozen]
-    ranges = [np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in (free[k] for k in part.columns)]
-    return LeastSquares(start[part.columns], np.array(ranges), robust=robust, least_damping=HELD, confirm=False,
+    ranges = np.array([free[k].log_range for k in part.columns])
+    return LeastSquares(start[part.columns], ranges, robust=robust, least_damping=HELD, confirm=False,
                         tolerance=tolerance)  # fmt: skip
 
 

@@ -244,7 +244,7 @@ class Descent:
 
     def _begun(self, look: Look, nudge: float, confirm: bool) -> LeastSquares:
         free = [p for p in self.space.parameters if not p.frozen]
-        ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
+        ranges = np.array([p.log_range for p in free])
         last = look.last
         return self.solver(
             self.point, ranges, least_damping=1e-9 if last else HELD, share=2e-2 if last else 3e-2, robust=self.robust,

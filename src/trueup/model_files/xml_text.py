@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -146,6 +146,11 @@ class XmlText:
         except expat.ExpatError as error:
             raise ModelError(f"the model file is not sound XML: {error}") from None
         return roots[0]
+
+
+def tag(name: str, attributes: Mapping[str, str | None]) -> str:
+    """An element without children, as a line; attributes that are None are not in it."""
+    return f"<{name} " + " ".join(f"{k}={quoteattr(v)}" for k, v in attributes.items() if v is not None) + "/>"
 
 
 def with_includes(content: bytes, folder: Path) -> bytes:

@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.campaign.history import History, TrialStory
+from trueup.campaign.journal import reference_file
 from trueup.errors import TrueupError
 from trueup.formats import read
 from trueup.inspection.repeats import BASE
@@ -110,9 +111,8 @@ def _first_settings(history: History) -> dict[str, float]:
 
 def _wanted(folder: Path, of: str) -> Array | None:
     """The path of a task's trial, as the campaign kept it."""
-    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in of)
     try:
-        head, *rows = (folder / "references" / f"{name}.path.csv").read_text(encoding="utf-8").splitlines()
+        head, *rows = reference_file(folder, of, "path").read_text(encoding="utf-8").splitlines()
         labels = [label.split(" [")[0] for label in head.split(",")]
         table = np.array([[float(v) for v in row.split(",")] for row in rows])
         return table[:, [labels.index("x"), labels.index("y")]]

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from trueup.calibration import Ahead, Replay, pooled_rmse
+from trueup.calibration import Ahead, Replay, by_label, pooled_rmse
 from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.report.markup import Markup, join, tag
@@ -92,17 +91,15 @@ def _table(group: Sequence[Replay], ahead: Sequence[Ahead], against: str) -> Mar
     titles = ["", *(["Against"] if against else []), "RMSE", "Mean size", "At the end",
               *(["Next sample"] if horizons else []), *beyond]  # fmt: skip
 
-    def line(name: str, parts: Sequence[tuple[Replay, list[int]]]) -> Markup:
-        cut = [replace(r.columns(columns), command=None) for r, columns in parts]
-        values = [*([pooled_rmse(cut, after=False)] if against else []), *errors_of(cut)]
-        seen = {(r.recording, label) for r in cut for label in r.labels}
+    def line(name: str, parts: Sequence[Replay]) -> Markup:
+        values = [*([pooled_rmse(parts, after=False)] if against else []), *errors_of(parts)]
+        seen = {(r.recording, label) for r in parts for label in r.labels}
         return row(name, cells(*(scale.text(v) for v in (*values, *ahead_of(ahead, seen, len(horizons))))))
 
-    labels = tuple(dict.fromkeys(label for r in group for label in r.labels))
     rows = [group_row("Recordings, all joints", len(titles))]
-    rows += [line(r.recording, [(r, list(range(len(r.labels))))]) for r in group]
+    rows += [line(r.recording, [r]) for r in group]
     rows += [group_row("Joints, all recordings", len(titles))]
-    rows += [line(x, [(r, [r.labels.index(x)]) for r in group if x in r.labels]) for x in labels]
+    rows += [line(label, parts) for label, parts in by_label(group).items()]
     said = f"{group[0].channel} in {scale.unit}." if scale.unit else f"{group[0].channel}."
     if horizons:
         said += (" Ahead: predictions that begin again and again where the robot was measured to be, by samples until then "

@@ -18,7 +18,7 @@ from trueup.identification.kinematic_tree import KinematicTree, of_angles
 from trueup.identification.model_file import load_tree
 from trueup.identification.urdf import GEAR, ROTOR, is_urdf
 from trueup.model_files.references import relocate_meshes
-from trueup.model_files.xml_text import Element, XmlText
+from trueup.model_files.xml_text import Element, XmlText, tag
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 if TYPE_CHECKING:
@@ -90,11 +90,11 @@ def _set_rotor(text: XmlText, joint: Element, inertia: float) -> None:
         of, actuator = transmission.child("joint"), transmission.child("actuator")
         if of is None or of.attributes.get("name") != name or actuator is None or actuator.stop == actuator.end:
             continue
-        for tag, new in ((GEAR, "1"), (ROTOR, value)):
-            if (element := actuator.child(tag)) is not None:
+        for part, new in ((GEAR, "1"), (ROTOR, value)):
+            if (element := actuator.child(part)) is not None:
                 text.change(element, value=new)
-            elif tag == ROTOR:
-                text.insert_first(actuator, f'<{ROTOR} value="{value}"/>')
+            elif part == ROTOR:
+                text.insert_first(actuator, tag(ROTOR, {"value": value}))
         return
     own = quoteattr(name)
     text.insert_after(
@@ -200,18 +200,19 @@ def _set_inertial(text: XmlText, link: Element, inertial: Array) -> None:
     values = {key: f"{value:.9g}" for key, value in zip(_TENSOR, moments, strict=True)}
     xyz = " ".join(f"{c:.9g}" for c in com)
     element = link.child("inertial")
-    parts = {tag: element.child(tag) if element else None for tag in ("origin", "mass", "inertia")}
+    parts = {part: element.child(part) if element else None for part in ("origin", "mass", "inertia")}
     if element is None or parts["mass"] is None or parts["inertia"] is None:
-        tensor_text = " ".join(f'{key}="{value}"' for key, value in values.items())
-        line = (
-            f'<inertial><origin xyz="{xyz}" rpy="0 0 0"/><mass value="{mass:.9g}"/><inertia {tensor_text}/></inertial>'
+        children = (
+            tag("origin", {"xyz": xyz, "rpy": "0 0 0"}),
+            tag("mass", {"value": f"{mass:.9g}"}),
+            tag("inertia", values),
         )
-        text.insert_first(link, line)
+        text.insert_first(link, f"<inertial>{''.join(children)}</inertial>")
         return
     text.change(parts["mass"], value=f"{mass:.9g}")
     text.change(parts["inertia"], **values)
     if parts["origin"] is None:
-        text.insert_first(element, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
+        text.insert_first(element, tag("origin", {"xyz": xyz, "rpy": "0 0 0"}))
     else:
         text.change(parts["origin"], xyz=xyz, rpy="0 0 0")
 

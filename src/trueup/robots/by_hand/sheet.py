@@ -43,8 +43,7 @@ def write_sheet(trial: Trial, outbox: Path, inbox: Path) -> Path:
             head = ("time_s", *(f"{label} [{c.unit}]" for label in c.labels))
             _csv(aside / "command.csv", head, _numbers(np.column_stack([c.time - trial.start, c.values])))
         for name, r in trial.references.items():
-            head = tuple(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
-            _csv(aside / f"{name}.csv", head, _numbers(r.values))
+            _csv(aside / f"{name}.csv", r.columns, _numbers(r.values))
         _csv(aside / "log-header.csv", tuple(canonical(trial)), [])
         if trial.watched:
             (aside / f"{trial.name}.toml").write_text(template(trial), encoding="utf-8")
@@ -150,8 +149,7 @@ def _to_set(trial: Trial) -> list[str]:
             )
         lines.append("")
     for name, r in trial.references.items():
-        columns = ", ".join(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
-        lines += [f"Follow {name}.csv: {len(r.values)} rows of {columns}."]
+        lines += [f"Follow {name}.csv: {len(r.values)} rows of {', '.join(r.columns)}."]
         lines += [
             f"  {label:14} {_range(low, high, unit)}"
             for label, unit, low, high in zip(

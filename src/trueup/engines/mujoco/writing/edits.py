@@ -18,7 +18,7 @@ from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import SETTING
 from trueup.errors import ModelError
-from trueup.model_files.xml_text import Element, XmlText
+from trueup.model_files.xml_text import Element, XmlText, tag
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 _ROTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
@@ -180,9 +180,8 @@ class Edits:
             "margin": number(m.jnt_margin[j]), "damping": numbers([m.dof_damping[dof], *m.dof_dampingpoly[dof]]),
             "frictionloss": number(m.dof_frictionloss[dof]), "armature": number(m.dof_armature[dof]),
         }  # fmt: skip
-        line = "<joint " + " ".join(f'{k}="{v}"' for k, v in attributes.items()) + "/>"
         last = [c for c in body.children if c.tag == "joint"][-1]
-        self._text.insert_after(last, line)
+        self._text.insert_after(last, tag("joint", attributes))
 
     def inertial(self, body: str) -> None:
         """Mass, centre of mass and inertia of a body; one without <inertial> gets it."""
@@ -198,7 +197,7 @@ class Edits:
         if present is None or turned:
             new["fullinertia"] = numbers(full, 12)
         if present is None:
-            self._text.insert_first(element, "<inertial " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
+            self._text.insert_first(element, tag("inertial", new))
             return
         if turned:
             new |= dict.fromkeys(("diaginertia", *_ROTATIONS))
@@ -213,8 +212,7 @@ class Edits:
         if plane_of(self._shipped) < 0:
             new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
                    "contype": "1", "conaffinity": "1", **lies}  # fmt: skip
-            line = "<geom " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>"
-            self._text.insert_first(self._text.all("worldbody")[0], line)
+            self._text.insert_first(self._text.all("worldbody")[0], tag("geom", new))
         elif not name:
             raise ModelError("the floor of this model is a plane without a name; give it one to have it calibrated")
         elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
