@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pose of a free base in recordings: its channels, and angles of quaternions and back."""
+"""The pose of a free base in recordings: its channels, angles of quaternions and back, and turns by quaternions."""
 
 from __future__ import annotations
 
