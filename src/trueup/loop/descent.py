@@ -296,6 +296,5 @@ def _patience(residual: Array) -> float:
     """1 where the residuals are noise; up to 20 where no model of this kind gets near it, and the last percent of the
     replay error is not worth minutes of simulation.
     """
-    square = max(float(np.mean(residual**2)), NEGLIGIBLE)
-    misfit = max(0.0, 1.0 - 1.0 / square)
+    misfit = max(0.0, 1.0 - 1.0 / (square := max(float(np.mean(residual**2)), NEGLIGIBLE)))
     return 1.0 + 4.0 * misfit**4 * float(np.clip(0.1 * np.sqrt(square), 1.0, 5.0))
