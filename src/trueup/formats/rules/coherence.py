@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import of_place
 from trueup.formats.rules.families import Named
@@ -93,6 +94,32 @@ def family_of(proposal: Proposal, proposals: Sequence[Proposal], named: Mapping[
     counted = not of or all(word.isdigit() for word in of)
     twin = any([word for word in words(label) if word not in joints.PARTS] == of for label in others)
     return family if counted or twin else ""
+
+
+def distinct(members: Sequence[Proposal]) -> list[Proposal]:
+    """Members with distinct labels; where two would have the same, the columns' names are the labels."""
+    first = {member.label: member.column.values for member in reversed(members)}
+    members = [m for m in members if m.column.values is (one := first[m.label]) or not _same(m.column.values, one)]
+    if len(first) == len(members):
+        return list(members)
+    return [replace(member, label=member.column.name) for member in members]
+
+
+def _same(values: Array, others: Array) -> bool:
+    """Whether two columns say the same, as "desired" and "reference" of a controller do."""
+    return values.shape == others.shape and np.array_equal(values, others, equal_nan=True)
+
+
+def in_parts(group: Sequence[Proposal]) -> tuple[str, ...]:
+    """Labels of the numbers in cells that hold lists: joint_1 and so on, but by its name what is a part of its own beside
+    joints without a name (gripper_qpos beside joint_pos), which else would be counted among them.
+    """
+    plain = [frozenset(words(p.label)) for p in group]
+    shared = frozenset.intersection(*plain)
+    parts = ["_".join(w for w in words(p.label) if w not in shared | _OF_ANY_DRIVE and not w.isdigit()) for p in group]
+    parts = parts if "" in parts else [""] * len(parts)
+    of = [part or "joint" for part, p in zip(parts, group, strict=True) for _ in range(p.column.width)]
+    return tuple(f"{part}_{of[: i + 1].count(part)}" for i, part in enumerate(of))
 
 
 def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, Named]) -> list[Proposal]:
