@@ -96,6 +96,8 @@ RULES = (
                     "command_torque[N m] joint_1; position[rad] joint_1; torque[N m] joint_1"),
             Example("t,FR_0_q,FR_0_tauEst,FR_0_tau_ff", "0 .1 1 2|.01 .2 2 3|.02 .3 1 2",
                     "command_torque[N m] FR_0; position[rad] FR_0; torque[N m] FR_0"),
+            Example("t,q_hip,q_knee,tau_cmd_1,tau_cmd_2", "0 .1 .1 1 2|.01 .2 .2 2 3|.02 .3 .2 1 2",
+                    "command_torque[N m] joint_1 joint_2; position[rad] hip knee"),
             Example("t_ms,motor_force_cmd_N,axis_x_mm,tilt_deg", "0 1 1 1|10 2 2 2|20 3 1 2",
                     "command_torque[N] joint_1; position[mm,deg] axis_x tilt"),
             Example("t,axis_force_cmd,axis_pos_m", "0 1 .1|.01 2 .2|.02 3 .1", "command_torque[N] axis; position[m] axis"),
