@@ -22,6 +22,7 @@ from trueup.formats.rules.coherence import (
     own_words,
     with_common_labels,
     with_twins,
+    without_doubles,
     without_other_signals,
     without_places,
     without_sensors,
@@ -100,7 +101,7 @@ def _proposals(
     proposals = [_proposal(column, named.get(column), several) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
-    proposals = without_places(without_sensors(without_other_signals(proposals, named)))
+    proposals = without_places(without_sensors(without_doubles(without_other_signals(proposals, named))))
     return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
 

@@ -66,7 +66,7 @@ _LOW = frozenset(["low"])
 _NOT_JOINT = TOOLS | listed(
     "pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
     "success layout force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance sin cos camera "
-    "extrinsics intrinsics timestamp timestamps"
+    "extrinsics intrinsics timestamp timestamps scaling override"
 )
 
 

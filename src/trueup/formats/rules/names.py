@@ -20,7 +20,7 @@ def listed(text: str) -> frozenset[str]:
 COMMANDED = listed(
     "command commands commanded cmd cmds goal goals target targets tgt desired des setpoint setpoints sp control controls "
     "ctrl action actions act ref reference references requested request req demand set u soll ff feedforward "
-    "consigne consigna referencia riferimento"
+    "planned consigne consigna referencia riferimento"
 )
 """Words that make a command of what stands beside them."""
 SENT = listed("sent written applied")

@@ -59,6 +59,8 @@ RULES = (
                     "command[rad] id1; position[rad] id1 joint_2"),
             Example("t,joint_states.position.hip,joint_group_controller.command.hip", "0 .1 .1|.01 .2 .1|.02 .3 .2",
                     "command[rad] hip; position[rad] hip"),
+            Example("t,Feedback_J1,Feedback_J2,Planned_J1,Planned_J2", "0 .1 .2 .1 .2|.01 .2 .1 .2 .2|.02 .3 .1 .2 .1",
+                    "command[rad] J1 J2; position[rad] J1 J2"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
         ),
         unit="rad", also=("m",),
@@ -69,6 +71,8 @@ RULES = (
         "geschwindigkeit, drehzahl, vitesse, velocidad, velocita",
         (
             Example("t,q_1,q_dot_1", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] joint_1; velocity[rad/s] joint_1"),
+            Example("t,actual_q_0,actual_qd_0,speed_scaling", "0 .1 1 1|.01 .2 2 1|.02 .3 1 .9",
+                    "position[rad] joint_0; velocity[rad/s] joint_0; speed_scaling[] speed_scaling"),
             Example("t,hip_angle,hip_rate", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] hip; velocity[rad/s] hip"),
             Example("t,hip_pos_rev,hip_vel_rev_s", "0 .1 .2|.1 .2 .3|.2 .3 .1", "position[rev] hip; velocity[rev/s] hip"),
             Example("t,hip_angle_deg,hip_speed_deg_s", "0 1 2|.1 2 3|.2 3 1", "position[deg] hip; velocity[deg/s] hip"),
