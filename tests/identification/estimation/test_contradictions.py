@@ -114,6 +114,19 @@ def test_a_recording_in_which_a_hand_moved_the_arm_is_named_as_what_fits_badly_b
     assert said.startswith("recording 'run0'")
 
 
+def test_torque_that_something_else_made_is_asked_about(arms: SimpleNamespace) -> None:
+    (run,) = runs(arms, 1)
+    torque = run.channel("torque")
+    pushes = (
+        2.0
+        * torque.values.std(axis=0)
+        * np.sin(7.0 * torque.time)[:, None]
+        * (np.sin(1.3 * torque.time) > 0.3)[:, None]
+    )
+    found = identify(arms.arm(), [run.with_channel(torque.replace(values=torque.values + pushes))], options=FAST)
+    assert any("did the arm touch a table" in w for w in found.warnings)
+
+
 def test_recordings_of_one_arm_are_said_to_belong_together(arms: SimpleNamespace) -> None:
     found = identify(arms.arm(), runs(arms, 3), options=FAST)
     assert not [w for w in found.warnings if "beside the others" in w or "contradict" in w or "another load" in w]
