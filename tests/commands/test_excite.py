@@ -59,7 +59,8 @@ def test_every_limit_is_told_on_a_narrow_terminal_and_where_a_slide_starts_in_me
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     slide = 'name="lift" type="slide" axis="0 0 1" range="-0.123 0.234"'
-    arm.write_text(arm.read_text().replace('name="lift" axis="0 1 0" range="-2.5 2.5"', slide))
+    text = arm.read_text().replace('name="lift" axis="0 1 0" range="-2.5 2.5"', slide)
+    arm.write_text(text.replace('"turn"', '"shoulder_of_the_left_arm_joint1"'))
     out = arm.parent / "out"
     assert main(["excite", str(arm), "--out", str(out), "--duration", "6", "--budget", "1", "-q"]) == 0
     said = capsys.readouterr().out

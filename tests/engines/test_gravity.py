@@ -73,6 +73,13 @@ def test_an_arm_whose_controller_holds_its_weight_is_simulated_without_it(tmp_pa
     np.testing.assert_allclose(mujoco.MjModel.from_xml_path(str(written)).body_gravcomp[1:], [1.0, 0.875])
 
 
+def test_torques_of_which_no_unit_is_known_are_asked_too(tmp_path: Path) -> None:
+    log = _log(held=True)
+    command = log.channel("command_torque")
+    ready, _ = _ready(tmp_path, PLAIN, log.with_channel(command.replace(unit="")))
+    assert "gravity" in [d.name for d in ready.diagnoses]
+
+
 def test_weight_that_the_controller_was_not_told_is_found(tmp_path: Path) -> None:
     ready, _ = _ready(tmp_path, PLAIN, _log(held=True))
     found = ready.calibrate(Options(cross_validate=False))

@@ -175,6 +175,54 @@ def test_a_rate_that_the_file_says_stands_for_a_clock(name: str, value: float, t
     assert np.allclose(recording.channel("position").time, np.arange(60) / 50.0)
 
 
+def test_demonstrations_that_say_their_rate_in_json_hold_joints_apart_from_tool_and_gripper(tmp_path: Path) -> None:
+    """The layout of robomimic: no clock, joints beside the tool's pose, its sines and cosines, and two fingers."""
+    tool = np.stack([np.sin(T + k) for k in range(3)], axis=1)
+    turn = np.tile([0.0, 0.0, 0.0, 1.0], (len(T), 1))
+    joints = {"robot0_joint_pos": Q, "robot0_joint_pos_cos": np.cos(Q), "robot0_joint_pos_sin": np.sin(Q)}
+    others = {"robot0_eef_pos": tool, "robot0_eef_quat": turn, "robot0_gripper_qpos": np.stack([T, -T], axis=1)}
+    demo = {"obs": {**others, **joints}, "actions": TOLD}
+    path = write_h5(tmp_path / "low_dim", {"data": {"demo_0": demo, "demo_1": demo}})
+    with h5py.File(path, "a") as file:
+        file["data"].attrs["env_args"] = '{"env_name": "Lift", "env_kwargs": {"control_freq": 50, "camera_fps": 30}}'
+    for recording in formats.read(path):
+        position = recording.channel("position")
+        assert position.labels == ("gripper_1", "gripper_2", "joint_1", "joint_2", "joint_3")
+        assert np.allclose(position.values[:, 2:], Q)
+        assert np.allclose(position.time, T * 2.0)
+        assert "base_position" not in recording.channels
+        assert recording.channel("command").labels == ("joint_1", "joint_2", "joint_3")
+
+
+def test_torques_told_in_several_ways_are_not_counted_on_and_stamps_of_all_kinds_are_one_clock(tmp_path: Path) -> None:
+    """The layout of DROID: torques measured, computed and of the sample before; stamps in ms, and in s with nanoseconds."""
+    ms = (1.69e12 + 1e3 * T).astype(np.int64)
+    state = {
+        "joint_positions": Q,
+        "joint_velocities": Q,
+        "cartesian_position": np.hstack([Q, Q]),
+        "gripper_position": T,
+    }
+    told = {"joint_torques_computed": 2.0 * Q, "prev_joint_torques_computed": 3.0 * Q, "motor_torques_measured": Q}
+    stamps = {"robot_timestamp_seconds": ms // 1000, "robot_timestamp_nanos": ms % 1000 * 1_000_000, "read_end": ms}
+    stamps_of = {"robot_state": stamps, "cameras": {"123_read_end": ms}, "skip_action": np.zeros(len(T), bool)}
+    observed = {"robot_state": {**state, **told}, "timestamp": stamps_of}
+    asked = {"joint_position": TOLD, "cartesian_position": np.hstack([Q, Q]), "gripper_position": T}
+    (recording,) = formats.read(write_h5(tmp_path / "trajectory", {"observation": observed, "action": asked}))
+    same(recording)
+    assert np.allclose(recording.channel("position").time - recording.channel("position").time[0], T, atol=1e-3)
+    for name in ("position", "command", "velocity", "torque"):
+        assert recording.channel(name).labels == ("joint_1", "joint_2", "joint_3")
+    assert np.allclose(recording.channel("torque").values, Q)
+
+
+def test_nanoseconds_beside_seconds_are_the_rest_of_these_in_nested_files_too(tmp_path: Path) -> None:
+    ns = np.round(5e9 * T).astype(np.int64)
+    data = {"state": {"stamp_secs": ns // 10**9, "stamp_nsecs": ns % 10**9, "q": Q, "q_des": TOLD}}
+    (recording,) = formats.read(write_h5(tmp_path / "run", data))
+    assert np.allclose(recording.channel("position").time, 5.0 * T)
+
+
 def test_a_file_on_which_its_reader_crashes_costs_no_more_than_a_sentence(tmp_path: Path) -> None:
     """An array of a class that there is none of: scipy 1.17 ends the process that reads it, and that is not ours."""
     path = write_mat(tmp_path / "run", {"log": {"t": T, "q": Q, "q_des": TOLD}})

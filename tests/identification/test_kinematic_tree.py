@@ -100,3 +100,26 @@ def test_a_body_moved_to_another_frame_is_the_same_body(rng: np.random.Generator
     np.testing.assert_allclose(from_pseudo_inertia(pseudo_inertia(body)), body, atol=1e-12)
     assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0.0
     np.testing.assert_allclose(np.trace(tensor(body)), 2 * np.trace(pseudo_inertia(body)[:3, :3]), atol=1e-12)
+
+
+def test_torque_limits_of_an_mjcf_are_those_of_its_joints_or_drives(tmp_path: Path) -> None:
+    drives = {
+        "none": "",
+        "force": '<position joint="force" kp="100" forcerange="-40 40"/>',
+        "control": '<motor joint="control" ctrlrange="-87 87"/>',
+        "geared": '<motor joint="geared" gear="-50" ctrlrange="-1 1"/>',
+        "share": '<motor joint="share" ctrlrange="-1 1"/>',
+        "two": '<motor joint="two" ctrlrange="-5 6"/><motor joint="two" gear="2" forcerange="-3 3"/>',
+        "joint": '<motor joint="joint" ctrlrange="-87 87"/>',
+    }
+    limited = 'actuatorfrcrange="-12 12"'
+    bodies = "".join(
+        f'<body><joint name="{name}" axis="0 1 0" {limited if name == "joint" else ""}/>'
+        f'<geom size=".1" mass="1" contype="0"/>'
+        for name in drives
+    )
+    path = tmp_path / "arm.xml"
+    world = f"<worldbody>{bodies}{'</body>' * len(drives)}</worldbody>"
+    path.write_text(f"<mujoco>{world}<actuator>{''.join(drives.values())}</actuator></mujoco>")
+    effort = load_tree(path).effort
+    assert np.allclose(effort, [np.nan, 40.0, 87.0, 50.0, np.nan, 11.0, 12.0], equal_nan=True)

@@ -76,3 +76,14 @@ def test_commands_that_only_count_belong_to_the_joints_that_follow_them() -> Non
     assert named.channel("command").labels == ("toe", "hip", "knee")
     assert "by the motion" in notes[0]
     assert named_as([named], dict.fromkeys(("hip", "knee", "toe"), "")) == ([named], [])
+
+
+def test_a_gripper_that_is_counted_behind_an_arm_does_not_hide_its_joints() -> None:
+    arm = {f"panda_joint{k}": f"m{k}" for k in range(1, 5)}
+    names, _ = sure_names([f"joint_{k}" for k in range(1, 6)], arm)
+    assert names == {f"joint_{k}": f"panda_joint{k}" for k in range(1, 5)}
+    names, _ = sure_names(["gripper_1", "joint_0", "joint_1", "joint_2", "joint_3"], arm)
+    assert names == {f"joint_{k}": f"panda_joint{k + 1}" for k in range(4)}
+    fingers = dict.fromkeys(("finger_joint1", "finger_joint2"), "")
+    names, _ = sure_names([f"joint_{k}" for k in range(1, 6)], {**arm, **fingers})
+    assert names == {f"joint_{k}": f"panda_joint{k}" for k in range(1, 5)}

@@ -40,12 +40,10 @@ def limits_table(problem: ExcitationProblem, outcome: Outcome) -> Table:
     others = sorted({source for each in limits.sources.values() for source in each} - {"model"})
     letters = {source: chr(ord("a") + k) for k, source in enumerate(others)}
     said = "; ".join(f"{letter}: {source}" for source, letter in letters.items())
-    heads = ("range", "speed", "acceler.", "rms torque", "peak torque")
-    columns = [Column(head, overflow="fold") for head in heads]  # on a narrow terminal, too, every limit is told
+    heads = ("joint", "range", "speed", "acceler.", "rms torque", "peak torque")
+    columns = [Column(head, overflow="fold") for head in heads]  # all is told on a narrow terminal, too
     title, caption = "taken / allowed, in rad, s, N m (m, N of slides)", f"{said}; others: model file" if said else None
-    table = Table(
-        "joint", *columns, box=SIMPLE, title=title, title_justify="left", caption=caption, caption_justify="left"
-    )
+    table = Table(*columns, box=SIMPLE, title=title, title_justify="left", caption=caption, caption_justify="left")
     for k, joint in enumerate(limits.joints):
         spans = (used["lower"], used["upper"]), (limits.lower, limits.upper)
         cells = ["/".join(f"{low[k]:.2g}..{high[k]:.2g}" for low, high in spans) + _mark(limits, "lower", k, letters)]

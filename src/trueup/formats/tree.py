@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array
 from trueup.errors import FormatError
-from trueup.formats.rules.names import is_time
+from trueup.formats.rules.names import is_time, says_nanoseconds
 from trueup.formats.table import Table, unique_names
 
 _SHORT = 64
@@ -125,6 +125,7 @@ def _numbered(tree: Tree) -> dict[str, Tree]:
 def _tables(tree: Tree, path: Path) -> list[Table]:
     """One for each clock, the largest first; what has no clock of its own goes with the only one there is."""
     clocks = [(where, leaf) for where, leaf in tree.every() if is_time(where[-1]) and _is_clock(leaf)]
+    clocks = [(where, leaf) for where, leaf in clocks if not _is_rest(where, clocks)]
     different: list[tuple[tuple[str, ...], Leaf]] = []
     for where, leaf in clocks:
         if not any(np.array_equal(leaf.values.ravel(), other.values.ravel()) for _, other in different):
@@ -164,6 +165,12 @@ def _clocked(tree: Tree) -> bool:
 
 def _is_clock(leaf: Leaf) -> bool:
     return _is_numbers(leaf) and max(leaf.values.shape) == leaf.values.size
+
+
+def _is_rest(where: tuple[str, ...], clocks: Sequence[tuple[tuple[str, ...], Leaf]]) -> bool:
+    """Whether these are the nanoseconds of whole seconds that stand beside them, and no clock by themselves."""
+    beside = [leaf for other, leaf in clocks if other[:-1] == where[:-1] and not says_nanoseconds(other[-1])]
+    return says_nanoseconds(where[-1]) and any(np.all(leaf.values == np.round(leaf.values)) for leaf in beside)
 
 
 def _is_numbers(leaf: Leaf) -> bool:

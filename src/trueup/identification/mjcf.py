@@ -16,6 +16,9 @@ from trueup.identification.kinematic_tree import KinematicTree, about, of_quater
 if TYPE_CHECKING:
     import mujoco
 
+_OF_JOINT = 0
+"""MuJoCo's number of an actuator that turns a joint."""
+
 
 def tree_from_mjcf(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
     """The tree of an MJCF file; bodies without joints are merged, a body with k joints gets k - 1 massless links before.
@@ -63,7 +66,7 @@ def _tree(
 ) -> KinematicTree:  # fmt: skip
     limited = model.jnt_limited[ids].astype(bool)
     bounds = np.where(limited[:, None], model.jnt_range[ids], np.nan)
-    effort = np.where(model.jnt_actfrclimited[ids].astype(bool), model.jnt_actfrcrange[ids, 1], np.nan)
+    effort = np.array([_effort(model, int(j)) for j in ids])
     if model.neq:
         notes = (*notes, f"{model.neq} equality constraints are left out: each joint moves on its own")
     return KinematicTree(
@@ -75,6 +78,31 @@ def _tree(
         armature=model.dof_armature[model.jnt_dofadr[ids]], damping=model.dof_damping[model.jnt_dofadr[ids]],
         friction=model.dof_frictionloss[model.jnt_dofadr[ids]], notes=notes,
     )  # fmt: skip
+
+
+def _effort(model: mujoco.MjModel, joint: int) -> float:
+    """What the drives of a joint give at most, in N m (N): as the joint limits it, or else they; NaN where nothing does."""
+    if model.jnt_actfrclimited[joint]:
+        return float(model.jnt_actfrcrange[joint, 1])
+    on_it = (model.actuator_trntype == _OF_JOINT) & (model.actuator_trnid[:, 0] == joint)
+    limits = [_strength(model, int(i)) for i in np.flatnonzero(on_it)]
+    return sum(limits) if limits else np.nan
+
+
+def _strength(model: mujoco.MjModel, i: int) -> float:
+    """What an actuator gives its joint at most: its force, or a motor's control, by its gear; NaN where neither is limited.
+
+    A control of -1 ... 1 that no gear multiplies is a share of what nobody says.
+    """
+    gear, limits = abs(float(model.actuator_gear[i, 0])), list[float]()
+    if model.actuator_forcelimited[i]:
+        limits.append(gear * float(min(-model.actuator_forcerange[i, 0], model.actuator_forcerange[i, 1])))
+    motor = not (model.actuator_dyntype[i] or model.actuator_gaintype[i] or model.actuator_biastype[i])
+    if motor and model.actuator_ctrllimited[i]:
+        control = float(min(-model.actuator_ctrlrange[i, 0], model.actuator_ctrlrange[i, 1]))
+        times = gear * float(model.actuator_gainprm[i, 0])
+        limits += [] if control == times == 1.0 else [times * control]
+    return min((limit for limit in limits if limit > 0.0), default=np.nan)
 
 
 def _check_joints(model: mujoco.MjModel, name: str, fix_base: bool) -> None:

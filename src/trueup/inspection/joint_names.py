@@ -25,7 +25,7 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     or end with (motor_elbow, elbow_act), one within the other; what is left goes by order if as many joints, or as many
     driven joints, are left too.
     """
-    found = _counted(labels, drives)
+    found = _counted(labels, drives) or _numbered(labels, drives)
     how = "by order, which nothing here can prove: check them" if found else _BY_NAME
     for key in (str, plain_name, _core):
         _pair(found, labels, {j: key(j) for j in drives}, key)
@@ -74,9 +74,10 @@ def named_as(
 def sure_names(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[str, str], str]:
     """What `match_joints` finds; by order only if the labels merely count: other names may be other joints."""
     names, how = match_joints(labels, drives)
-    if how == _BY_NAME or all(_core(label).isdigit() for label in labels) or _counting(labels):
+    alike = _alike(labels, list(drives))
+    if how == _BY_NAME or all(_core(label).isdigit() for label in names if label not in alike) or _counting(labels):
         return names, how
-    return _alike(labels, list(drives)), _BY_NAME
+    return alike, _BY_NAME
 
 
 def _alike(labels: Sequence[str], names: Sequence[str]) -> dict[str, str]:
@@ -133,6 +134,23 @@ def _counted(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]
     shift = 1 if "0" in counted else -1
     wanted = {label: f"{int(number) + shift}" for number, label in counted.items()}
     return {label: theirs[n] for label, n in wanted.items()} if set(wanted.values()) <= set(theirs) else {}
+
+
+def _numbered(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]:
+    """Pairs of labels that only count and joints of one name and a number: joint_3 is panda_joint3. All of these must be
+    there; labels may go on, as of a gripper that was logged behind an arm.
+    """
+    counted = {int(_core(label)): label for label in labels if _core(label).isdigit()}
+    stems: dict[str, dict[int, str]] = {}
+    for joint in drives:
+        if (number := _NUMBER.search(_core(joint))) is not None:
+            stems.setdefault(_core(joint)[: number.start()], {})[int(number[0])] = joint
+    theirs = max(stems.values(), key=len, default={})
+    if len(theirs) < 2 or "" in stems or not counted:
+        return {}
+    shift = min(theirs) - min(counted)
+    wanted = {number - shift: joint for number, joint in theirs.items()}
+    return {counted[n]: joint for n, joint in wanted.items()} if set(wanted) <= set(counted) else {}
 
 
 def _counting(labels: Sequence[str]) -> bool:

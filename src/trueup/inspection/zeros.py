@@ -43,7 +43,7 @@ def _said(joint: str, by: Mapping[str, float]) -> str:
 
 def _all_along(recording: Recording, joint: str) -> float:
     """How far a joint that follows its command is beside it, if that is more than what changes with the motion; else 0."""
-    pair = _with_command(recording, joint)
+    pair = with_command(recording, joint)
     if pair is None:
         return 0.0
     position, told = pair
@@ -79,7 +79,7 @@ def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnos
 
 def _rests(recording: Recording, joint: str) -> Array:
     """(n,) mean of position minus command over the second half of each stretch in which the command was held."""
-    pair = _with_command(recording, joint)
+    pair = with_command(recording, joint)
     if pair is None:
         return np.zeros(0)
     (position, told), time = pair, recording.channel("position").time
@@ -94,7 +94,7 @@ def _rests(recording: Recording, joint: str) -> Array:
     return np.array(found, dtype=np.float64)
 
 
-def _with_command(recording: Recording, joint: str) -> tuple[Array, Array] | None:
+def with_command(recording: Recording, joint: str) -> tuple[Array, Array] | None:
     """(T,) each, a joint's position and the command in force then; None where it has not both, in one unit."""
     command, position = command_of(recording), recording.channels.get("position")
     if command is None or position is None or joint not in command.labels or joint not in position.labels:

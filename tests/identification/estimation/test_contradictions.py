@@ -82,6 +82,26 @@ def test_a_recording_with_a_load_of_its_own_is_named_with_its_mass(arms: SimpleN
     assert abs(float(mass[1]) - 4.0) < float(mass[2])
 
 
+def test_a_load_that_is_taken_up_and_put_down_within_recordings_is_named_with_when_and_how_much(
+    arms: SimpleNamespace,
+) -> None:
+    logs, spans = list[Recording](), ((3.0, 9.0), (6.0, 12.0))
+    for k, (begin, end) in enumerate(spans):
+        free, load = runs(arms, k + 1)[k].channel("torque"), laden(arms, k, 4.0)
+        held = (free.time >= begin) & (free.time < end)
+        torque = load.channel("torque")
+        logs.append(load.with_channel(torque.replace(values=np.where(held[:, None], torque.values, free.values))))
+    found = identify(arms.arm(), logs, options=FAST)
+    (said,) = (w for w in found.warnings if "another load in parts" in w)
+    mass = re.search(r"with (\S+) \+- (\S+) kg more", said)
+    assert mass
+    assert abs(float(mass[1]) - 4.0) < 0.4
+    for k, span in enumerate(spans):
+        when = re.search(rf"'run{k}' (\S+) \.\.\. (\S+) s", said)
+        assert when
+        assert np.abs(np.array([float(when[1]), float(when[2])]) - span).max() < 1.0
+
+
 def test_a_recording_in_which_a_hand_moved_the_arm_is_named_as_what_fits_badly_beside_the_others(
     arms: SimpleNamespace,
 ) -> None:
@@ -94,6 +114,21 @@ def test_a_recording_in_which_a_hand_moved_the_arm_is_named_as_what_fits_badly_b
     assert said.startswith("recording 'run0'")
 
 
+def test_torque_that_something_else_made_is_asked_about(arms: SimpleNamespace) -> None:
+    (run,) = runs(arms, 1)
+    torque = run.channel("torque")
+    pushes = (
+        2.0
+        * torque.values.std(axis=0)
+        * np.sin(7.0 * torque.time)[:, None]
+        * (np.sin(1.3 * torque.time) > 0.3)[:, None]
+    )
+    found = identify(arms.arm(), [run.with_channel(torque.replace(values=torque.values + pushes))], options=FAST)
+    assert any("did the arm touch a table" in w for w in found.warnings)
+
+
 def test_recordings_of_one_arm_are_said_to_belong_together(arms: SimpleNamespace) -> None:
     found = identify(arms.arm(), runs(arms, 3), options=FAST)
     assert not [w for w in found.warnings if "beside the others" in w or "contradict" in w or "another load" in w]
+    alone = identify(arms.arm(), runs(arms, 1), options=FAST)
+    assert not [w for w in alone.warnings if "another load" in w]

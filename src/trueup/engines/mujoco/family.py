@@ -63,7 +63,8 @@ from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import without_strangers
 from trueup.inspection.turns import without_wraps
-from trueup.inspection.zeros import far_beside, zeros_off
+from trueup.inspection.unfollowed import beside_commands
+from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
 from trueup.trial import STEP
 
@@ -119,7 +120,7 @@ class Articulated(Family):
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
         turned = mounted_otherwise(model, recordings)
         feet = sliding(legs_of(model), recordings)
-        return (*beyond, *units, *turned, *feet, *far_beside(recordings), *at_other_voltages(recordings))
+        return (*beyond, *units, *turned, *feet, *beside_commands(recordings), *at_other_voltages(recordings))
 
     def suited(
         self,

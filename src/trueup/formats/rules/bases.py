@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.rules.names import EULER, listed, words
+from trueup.formats.rules.names import EULER, TOOLS, listed, words
 from trueup.formats.rules.rule import Column, Example, Rule
 from trueup.samples import is_unit
 from trueup.units import hardly_radians, to_si
@@ -84,8 +84,8 @@ _SOURCES = tuple(
     )
 )
 """Words for whose pose it is or who measured it, the better sources first."""
-_OTHERS = listed(
-    "imu command commanded cmd desired des target goal ref reference foot feet hand ee tcp camera velocity vel twist "
+_OTHERS = TOOLS | listed(
+    "imu command commanded cmd desired des target goal ref reference foot feet hand camera velocity vel twist "
     "linear angular lin acc accel acceleration speed gyro omega"
 )
 

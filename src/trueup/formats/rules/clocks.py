@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +13,15 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.formats.clock import COUNTS, FASTEST, SLOWEST, guess_unit, on_and_on, round_of
 from trueup.formats.mapping import TimeColumn
-from trueup.formats.rules.names import is_time, listed, names_its_clock, stem, ticks, words
+from trueup.formats.rules.names import is_time, listed, names_its_clock, says_nanoseconds, stem, ticks, words
 from trueup.formats.table import Table, listing
 from trueup.units import to_si
 
 _RATES, _PERIODS = listed("fps hz rate frequency freq fs"), listed("dt ts period timestep step")
 """Words of how often samples were taken, and of how far they are apart, among facts beside the signals."""
-_NOT = listed("cutoff cut off filter simulation sim physics camera image baud bit data steps pwm learning natural")
+_NOT = listed(
+    "cutoff cut off filter simulation sim physics camera cameras image baud bit data steps pwm learning natural"
+)
 """Words of other rates."""
 
 
@@ -39,11 +42,11 @@ class Clocks:
         """The second clock that a column follows; '' for the main one."""
         main = self.mains[table.name]
         clocks = self.columns[table.name]
-        parts = any(_says_nanoseconds(name) for name in clocks)  # seconds and their rest are no clocks by themselves
+        parts = any(says_nanoseconds(name) for name in clocks)  # seconds and their rest are no clocks by themselves
         others = [
             name for name in clocks
             if name not in (main, self.main.nanoseconds)
-            and not (_says_nanoseconds(name) or (parts and _whole_seconds(table.columns[name])))
+            and not (says_nanoseconds(name) or (parts and _whole_seconds(table.columns[name])))
         ]  # fmt: skip
         for other in others:
             if names_its_clock(column, other, main) or _is_held_with(table.columns[column], table.columns[other]):
@@ -82,7 +85,8 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
     names = [mains[table.name] for table in timed]
     table = timed[names.index(max(set(names), key=names.count))]
     column = mains[table.name]
-    fraction = _fraction(table, found[table.name]) if _whole_seconds(table.columns[column]) else ""
+    seconds = _whole_seconds(table.columns[column]) and guess_unit(column, table.columns[column]) == "s"
+    fraction = _fraction(table, found[table.name]) if seconds else ""
     declared = "s" if fraction else table.units.get(column, "")
     unit = declared or guess_unit(column, table.columns[column])
     notes = [] if declared else [_unit_note(column, unit, table.columns[column])]
@@ -94,7 +98,7 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
 def _rates_said(tables: Sequence[Table]) -> dict[str, float]:
     """Samples per second that files say beside their signals (fps = 50, dt = 0.02), by the name that says so."""
     found: dict[str, float] = {}
-    for name, text in (fact for table in tables for fact in table.metadata.items()):
+    for name, text in (fact for table in tables for said in table.metadata.items() for fact in _facts(*said)):
         plain = set(words(name.rpartition(".")[2]))
         unit = next((u for u in ("ms", "us", "ns") if u in plain), "s")
         try:
@@ -109,6 +113,19 @@ def _rates_said(tables: Sequence[Table]) -> dict[str, float]:
     return found
 
 
+def _facts(name: str, text: str) -> Iterator[tuple[str, str]]:
+    """A fact of a file; of one that is JSON, as data sets of demonstrations describe themselves, those in it."""
+    try:
+        content = json.loads(text) if text.lstrip().startswith("{") else None
+    except ValueError:
+        content = None
+    if not isinstance(content, dict):
+        yield name, text
+        return
+    for key, value in content.items():
+        yield from _facts(f"{name}.{key}", json.dumps(value) if isinstance(value, dict) else str(value))
+
+
 def _clock_columns(table: Table) -> tuple[str, ...]:
     """Columns that sound like a clock and hardly ever run back, or all do so; else one that ticks, or the first, if it runs
     like one.
@@ -117,7 +134,7 @@ def _clock_columns(table: Table) -> tuple[str, ...]:
     # The newest row first, as some loggers export: an error that says so is better than none that knows of a clock.
     named = named or [name for name, values in table.columns.items() if is_time(name) and _runs(-values)][:1]
     # Nanoseconds beside seconds start again every second, so they do not run.
-    named += [name for name in table.columns if named and name not in named and _says_nanoseconds(name)]
+    named += [name for name in table.columns if named and name not in named and says_nanoseconds(name)]
     if named:
         return tuple(named)
     ticking = [name for name, values in table.columns.items() if ticks(name) and _runs_evenly(values)]
@@ -131,9 +148,9 @@ def _clock_columns(table: Table) -> tuple[str, ...]:
 
 
 def _main(table: Table, clocks: Sequence[str]) -> str:
-    """The clock with the most instants; the first of those that are nearly equal."""
+    """The clock with the most instants; the first of those that are nearly equal, of cameras the last."""
     fraction = _fraction(table, clocks)
-    candidates = [name for name in clocks if name != fraction]
+    candidates = sorted((name for name in clocks if name != fraction), key=lambda name: bool(_NOT & set(words(name))))
     instants = {name: len(np.unique(table.columns[name])) for name in candidates}
     return next((name for name in candidates if instants[name] >= 0.9 * max(instants.values())), "")
 
@@ -186,7 +203,7 @@ def _fraction(table: Table, clocks: Sequence[str]) -> str:
     for name in clocks:
         values = table.columns[name]
         if (
-            _says_nanoseconds(name)
+            says_nanoseconds(name)
             and values.ndim == 1
             and len(clocks) > 1
             and float(np.nanmax(values)) * to_si("ns")[1] < 1.0
@@ -200,10 +217,6 @@ def _whole_seconds(values: Array) -> bool:
     """Whether a clock may be the seconds of which nanoseconds are the rest; a bag's own time beside a message's has both."""
     known = values[np.isfinite(values)]
     return bool(np.all(known == np.round(known)))
-
-
-def _says_nanoseconds(name: str) -> bool:
-    return any(word in ("nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds") for word in words(name))
 
 
 def _unit_note(column: str, unit: str, values: Array) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import of_place
 from trueup.formats.rules.families import Named
@@ -37,6 +38,9 @@ EXAMPLES = (
             "command[rad] knee ankle_motor; position[rad] knee ankle; position_motor[] ankle_motor"),
     Example("t,cmd_knee,cmd_ankle_motor,pos_knee,pos_ankle_motor", "0 1 2 1 2|.1 2 3 2 3|.2 1 2 1 2",
             "command[rad] knee ankle_motor; position[rad] knee ankle_motor"),
+    # What Franka's interface calls its motors' angles, before their springs.
+    Example("t,q[0],q[1],q_d[0],q_d[1],theta[0],theta[1]", "0 .1 .2 .1 .2 .1 .1|.1 .2 .3 .2 .3 .2 .3|.2 .1 .2 .1 .2 .2 .2",
+            "command[rad] joint_0 joint_1; position[rad] joint_0 joint_1; theta[] 0 1"),
     # Slides along x, y and z are joints.
     Example("t,pos_x,pos_y,pos_z,cmd_x,cmd_y,cmd_z,vel_x,vel_y,vel_z",
             "0 .1 .2 .1 .1 .2 .1 1 1 1|.01 .2 .3 .2 .2 .3 .2 1 1 2|.02 .3 .4 .3 .4 .4 .3 2 1 1",
@@ -46,6 +50,7 @@ _MOTOR = "motor"
 _FAMILIES = (_MOTOR, *joints.VARIANTS)
 """Signals of motors are kept apart from those of joints, and others that are no plain ones, where a file has both."""
 _OF_SENSORS = ("velocity", "acceleration", "torque")
+_MEASURED_OF_JOINTS = ("position", "velocity")
 _PLACES = frozenset("xyz")
 
 
@@ -95,6 +100,32 @@ def family_of(proposal: Proposal, proposals: Sequence[Proposal], named: Mapping[
     return family if counted or twin else ""
 
 
+def distinct(members: Sequence[Proposal]) -> list[Proposal]:
+    """Members with distinct labels; where two would have the same, the columns' names are the labels."""
+    first = {member.label: member.column.values for member in reversed(members)}
+    members = [m for m in members if m.column.values is (one := first[m.label]) or not _same(m.column.values, one)]
+    if len(first) == len(members):
+        return list(members)
+    return [replace(member, label=member.column.name) for member in members]
+
+
+def _same(values: Array, others: Array) -> bool:
+    """Whether two columns say the same, as "desired" and "reference" of a controller do."""
+    return values.shape == others.shape and np.array_equal(values, others, equal_nan=True)
+
+
+def in_parts(group: Sequence[Proposal]) -> tuple[str, ...]:
+    """Labels of the numbers in cells that hold lists: joint_1 and so on, but by its name what is a part of its own beside
+    joints without a name (gripper_qpos beside joint_pos), which else would be counted among them.
+    """
+    plain = [frozenset(words(p.label)) for p in group]
+    shared = frozenset.intersection(*plain)
+    parts = ["_".join(w for w in words(p.label) if w not in shared | _OF_ANY_DRIVE and not w.isdigit()) for p in group]
+    parts = parts if "" in parts else [""] * len(parts)
+    of = [part or "joint" for part, p in zip(parts, group, strict=True) for _ in range(p.column.width)]
+    return tuple(f"{part}_{of[: i + 1].count(part)}" for i, part in enumerate(of))
+
+
 def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, Named]) -> list[Proposal]:
     """Columns without a word for their kind that are named as a joint with a position is, and more, are another signal of it.
 
@@ -112,6 +143,26 @@ def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, 
         return not joint and any(x in p.label and {*words(x)} < {*words(p.label)} for _, x in told)
 
     return [own(p.column) if only and is_other(p) else p for p, only in zip(proposals, implied, strict=True)]
+
+
+def without_doubles(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Columns that tell a signal of the same joints by another word are put aside: motors' theta[0] beside q[0], where there
+    is q_d[0]. Kept are those called as what is commanded; else the most, else the first.
+    """
+    told = {word for p in proposals if p.role.startswith("command") for word in p.column.parts.words}
+    rows: dict[tuple[str, str, str], dict[tuple[str, ...], list[Proposal]]] = {}
+    for p in proposals:
+        key = (p.role, p.column.table.name, next((word for word in _FAMILIES if word in p.column.parts.words), ""))
+        if p.role in _MEASURED_OF_JOINTS and p.column.width == 1:
+            said = tuple(word for word in p.column.parts.words if word in joints.KINDS)
+            rows.setdefault(key, {}).setdefault(said, []).append(p)
+    aside: set[Column] = set()
+    for by_word in rows.values():
+        first = max(by_word, key=lambda said: (bool(told & set(said)), len(by_word[said])))
+        labels = {p.label for p in by_word[first]}
+        doubles = (each for said, each in by_word.items() if said != first and labels >= {p.label for p in each})
+        aside |= {p.column for each in doubles for p in each}
+    return [own(p.column) if p.column in aside else p for p in proposals]
 
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:

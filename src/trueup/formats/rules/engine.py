@@ -15,11 +15,14 @@ from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
 from trueup.formats.rules.coherence import (
     Proposal,
+    distinct,
     family_of,
+    in_parts,
     own,
     own_words,
     with_common_labels,
     with_twins,
+    without_doubles,
     without_other_signals,
     without_places,
     without_sensors,
@@ -98,7 +101,7 @@ def _proposals(
     proposals = [_proposal(column, named.get(column), several) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
-    proposals = without_places(without_sensors(without_other_signals(proposals, named)))
+    proposals = without_places(without_sensors(without_doubles(without_other_signals(proposals, named))))
     return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
 
@@ -148,7 +151,7 @@ def _groups(
         key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1)
         families.setdefault(key, []).append(p)
     groups: dict[str, list[Proposal]] = {}
-    for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: (-_weight(f[1]), bool(f[0][3]))):
+    for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: _rank(f[0][3], f[1])):
         name = role
         if name in groups:
             first = groups[role][0].column.table.name
@@ -156,26 +159,17 @@ def _groups(
             name = "_".join([role, *words(extra)])
         while name in groups:
             name += "_2"
-        groups[name] = _distinct(members)
+        groups[name] = distinct(members)
     return dict(sorted(groups.items(), key=lambda group: _order(group[0])))
+
+
+def _rank(family: str, members: Sequence[Proposal]) -> tuple[bool, int, bool]:
+    """Which family has a role's own name, the least first: what is no variant of another signal, what has most numbers."""
+    return family in joints.VARIANTS, -_weight(members), bool(family)
 
 
 def _weight(members: Sequence[Proposal]) -> int:
     return sum(member.column.width for member in members)
-
-
-def _distinct(members: Sequence[Proposal]) -> list[Proposal]:
-    """Members with distinct labels; where two would have the same, the columns' names are the labels."""
-    first = {member.label: member.column.values for member in reversed(members)}
-    members = [m for m in members if m.column.values is (one := first[m.label]) or not _same(m.column.values, one)]
-    if len(first) == len(members):
-        return list(members)
-    return [replace(member, label=member.column.name) for member in members]
-
-
-def _same(values: Array, others: Array) -> bool:
-    """Whether two columns say the same, as "desired" and "reference" of a controller do."""
-    return values.shape == others.shape and np.array_equal(values, others, equal_nan=True)
 
 
 def _channel(group: Sequence[Proposal], clocks: Clocks) -> ChannelColumns:
@@ -226,8 +220,8 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
         return joints.joint_labels(first.table.named[first.name])
     known = first.table.labels
     of_sensor = () if group[0].role else bases.sensor_labels(first)
-    of = "joint_" if group[0].role else ""  # four feet are no joints
-    return of_sensor or (known if len(known) == total else tuple(f"{of}{i + 1}" for i in range(total)))
+    counted = in_parts(group) if group[0].role else tuple(f"{i + 1}" for i in range(total))  # four feet are no joints
+    return of_sensor or (known if len(known) == total else counted)
 
 
 def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:

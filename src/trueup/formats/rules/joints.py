@@ -10,7 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from trueup.formats.rules.names import AXES, COMMANDED, MEASURED, PLAINLY_MEASURED, SENT, Name, listed, taken_apart
+from trueup.formats.rules.names import (
+    AXES,
+    COMMANDED,
+    MEASURED,
+    PLAINLY_MEASURED,
+    SENT,
+    TOOLS,
+    Name,
+    listed,
+    taken_apart,
+)
 from trueup.formats.rules.signals import BY_KIND, KINDS, RULES, SETTINGS
 from trueup.units import to_si
 
@@ -47,14 +57,16 @@ _FORCES = listed("force forces")
 """Words of what slides push with, where they are commanded: what was measured is more often a tool's."""
 _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
 """Whose commanded force is a setting, and drives no joint."""
-VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim")
+VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim", "prev",
+            "previous", "computed", "calculated")  # fmt: skip
 """Words of a signal that stands beside a plainer one of the same joint."""
 PARTS = listed("joint joints motor motors")
 _NUMBERED_ID = re.compile(r"(?<![A-Za-z])id_?\d", re.IGNORECASE)
 _LOW = frozenset(["low"])
-_NOT_JOINT = listed(
-    "tcp ee pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
-    "success layout force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance"
+_NOT_JOINT = TOOLS | listed(
+    "pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
+    "success layout force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance sin cos camera "
+    "extrinsics intrinsics timestamp timestamps scaling override"
 )
 
 

@@ -20,7 +20,7 @@ def listed(text: str) -> frozenset[str]:
 COMMANDED = listed(
     "command commands commanded cmd cmds goal goals target targets tgt desired des setpoint setpoints sp control controls "
     "ctrl action actions act ref reference references requested request req demand set u soll ff feedforward "
-    "consigne consigna referencia riferimento"
+    "planned consigne consigna referencia riferimento"
 )
 """Words that make a command of what stands beside them."""
 SENT = listed("sent written applied")
@@ -31,6 +31,8 @@ MEASURED = PLAINLY_MEASURED | listed(
     "estimated pv real"
 )
 AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz px py pz tx ty tz")
+TOOLS = listed("ee eef tcp effector endeffector cartesian")
+"""Of what an arm carries, whose pose is none of its joints and none of its base."""
 _ANGLES_BY_LETTER = listed("r p y")
 EULER = listed("rpy euler")
 _TIME = listed(
@@ -40,6 +42,7 @@ _TIME = listed(
 _TIME_UNITS = listed("ms us ns")
 """Names of a clock by themselves."""
 _TICKS = listed("tick ticks")
+_NANOSECONDS = listed("nsec nsecs nanosec nanosecs nanos nanoseconds")
 _NOT_TIME = listed("per index frame episode step steps count counter id seq")
 _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
@@ -229,6 +232,11 @@ def is_time(name: str) -> bool:
     """Whether a name sounds like a clock."""
     plain = set(words(name))
     return (bool(plain & _TIME) and not plain & _NOT_TIME) or name.strip().lower() in _TIME_UNITS
+
+
+def says_nanoseconds(name: str) -> bool:
+    """Whether a name says that these are nanoseconds, which beside seconds are the rest of them."""
+    return bool(_NANOSECONDS & set(words(name)))
 
 
 def ticks(name: str) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which of several recordings do not belong to the others: another load, a hand that moved the arm, other units or signs."""
+"""Which recordings, or parts of them, do not belong to the others: another load, a hand that moved the arm, other signs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,14 @@ from trueup.identification.estimation.moments import Moments, moments_of, solve
 from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
+from trueup.samples import stretches_of
 
 _NONE = np.zeros(0, dtype=np.int64)
 _ADVICE = "Identify recordings with one load together, and others by themselves"
+_FINER = 4
+"""Times as many blocks: where a load is taken up a block has it in part, and those must be few."""
+_TURNS = 10
+"""Times that stretches are sorted by load and loads fitted anew: they settle in three or four."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +37,13 @@ class _Blocks:
     """Columns of a basic model."""
     power: Array
     """(n,) squared torque of each joint: errors are relative to it."""
+    count: int = TIME_BLOCKS
+    """About how many."""
 
     @cached_property
     def numbers(self) -> list[Integers]:
         """(S,) of each recording: the block of each sample."""
-        return numbered(self.parts, TIME_BLOCKS)
+        return numbered(self.parts, self.count)
 
     @cached_property
     def owner(self) -> Integers:
@@ -74,19 +81,18 @@ class _Blocks:
 def strangers(
     names: Sequence[str], parts: Sequence[Rows], active: Integers, body: Integers, link: str, *, weighed: bool
 ) -> list[str]:  # fmt: skip
-    """What to say of recordings without which the others are foretold much better, by the rule of `Suspicion`.
+    """What to say of recordings without which the others are foretold much better, by the rule of `Suspicion`; or, where
+    there are none, of a load that the arm carried in stretches of them.
 
     A fit to all of them is a compromise that fits none (G. Chow, "Tests of equality between sets of coefficients",
     Econometrica 28(3), 1960, with left-out blocks in place of the F test, since errors last and models miss something).
     `active`: columns of a basic model, `body` the ten of the last `link`, `weighed`: whether torques are in N m.
     """
-    if len(parts) < 2:
-        return []
     power = np.maximum(sum(np.sum(r.torque**2, axis=0) for r in parts), TINY)
     blocks = _Blocks(parts, active, power)
     out = _apart(blocks)
     if not out:
-        return []
+        return _in_between(names, replace(blocks, count=_FINER * TIME_BLOCKS), body, link, weighed=weighed)
     return [_with_load(names, blocks, out, body, link, weighed=weighed) or _said(names, blocks, out)]
 
 
@@ -131,6 +137,67 @@ def _with_load(
         f"would go from {_percent(blocks.relative(before, everything))} to {_percent(blocks.relative(after, everything))} of "
         f"the torque. {_ADVICE}"
     )
+
+
+def _in_between(names: Sequence[str], blocks: _Blocks, body: Integers, link: str, *, weighed: bool) -> list[str]:
+    """What to say of a load that was taken up and put down within recordings; nothing where it does not explain much."""
+    everything = np.ones(len(blocks.owner), dtype=bool)
+    moments, at = blocks.moments(range(len(blocks.parts)), body), len(blocks.active)
+    laden = min((_sorted(blocks, moments, k) for k in range(0, len(everything), _FINER)), key=lambda each: each[0])[1]
+    before = blocks.foretold(blocks.plain, everything)[0]
+    after, each = blocks.foretold(_only_in(moments, at, laden), everything)
+    if laden.all() or not all(
+        np.any(part) and Suspicion("", (before[part],), (after[part],)).likely for part in (laden, ~laden)
+    ):
+        return []
+    masses = each[:, at] / max(float(moments.scale[at]), TINY)
+    mass, doubt = float(masses.mean()), half_interval(len(masses)) * float(jackknife(masses))
+    more = f"{abs(mass):.3g} +- {doubt:.2g} kg more" if weighed and doubt < abs(mass) else "a body of its own"
+    spans = _spans(names, blocks, laden if mass > 0.0 else ~laden)
+    return [
+        f"the arm carried another load in parts of its recordings (about {spans}): with {more} at {link} there the error of "
+        f"all would go from {_percent(blocks.relative(before, everything))} to "
+        f"{_percent(blocks.relative(after, everything))} of the torque. Cut recordings where the load changes, and identify "
+        "those with one load together"
+    ]
+
+
+def _only_in(moments: Moments, at: int, laden: Mask) -> Moments:
+    """Moments whose columns from `at` on, those of a load, count in blocks that are `laden` (B,)."""
+    there = np.ones((len(laden), moments.gram.shape[-1]))
+    there[~laden, at:] = 0.0
+    gram = moments.gram * there[:, None, :, None] * there[:, None, None, :]
+    return replace(moments, gram=gram, cross=moments.cross * there[:, None])
+
+
+def _sorted(blocks: _Blocks, moments: Moments, first: int) -> tuple[float, Mask]:
+    """Which blocks (B,) have a load, begun with the `first` alone, and the error of all then: each is sorted to where the fit
+    explains it better, and the fit made anew.
+    """
+    at, laden = len(blocks.active), np.arange(len(blocks.owner)) == first
+    error = np.inf
+    for _ in range(_TURNS):
+        gram, cross = _only_in(moments, at, laden).weighted(1.0 / blocks.power)
+        x = solve(gram.sum(axis=0), cross.sum(axis=0), np.zeros(cross.shape[1]))
+        bare = np.where(np.arange(len(x)) < at, x, 0.0)
+        with_it, without = ((moments.errors(each) / blocks.power).mean(axis=1) for each in (x, bare))
+        error, sorted_anew = float(np.minimum(with_it, without).sum()), with_it < without
+        if np.array_equal(sorted_anew, laden):
+            break
+        laden = sorted_anew
+    return error, laden
+
+
+def _spans(names: Sequence[str], blocks: _Blocks, laden: Mask) -> str:
+    """Where blocks (B,) lie, in words."""
+    said, first = list[str](), 0
+    for name, rows, numbers in zip(names, blocks.parts, blocks.numbers, strict=True):
+        own = np.unique(numbers)
+        inside = laden[first : first + len(own)][np.searchsorted(own, numbers)]
+        ends = [(rows.time[a], rows.time[b - 1]) for a, b in stretches_of(inside)]
+        said += [f"'{name}' {a:.3g} ... {b:.3g} s" for a, b in ends]
+        first += len(own)
+    return listed(said)
 
 
 def _said(names: Sequence[str], blocks: _Blocks, out: Sequence[int]) -> str:

@@ -128,7 +128,8 @@ def _poor(relative: float) -> str:
     """What to say of torque that stays unexplained."""
     return (
         f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
-        "model file, are torques measured rather than commanded, are joints in the right order?"
+        "model file, are torques measured rather than commanded, are joints in the right order, did the arm touch "
+        "a table, a fixture, a hand?"
     )
 
 

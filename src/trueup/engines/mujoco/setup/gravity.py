@@ -16,6 +16,9 @@ from trueup.evidence import FEWEST_PARTS, HALVED, evidence
 from trueup.recording import Recording
 from trueup.trial import command_of
 
+_MOTORS = ("N m", "N", "")
+"""Units of what motors are told: torques, forces, and controls as they are, of which the motor's gear makes torque."""
+
 
 def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     """The model with `gravcomp` at its bodies, where the motion is explained better by commanded torques without gravity.
@@ -28,7 +31,7 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     """
     if carriers(model):
         return model
-    told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("N m", "N")]
+    told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in _MOTORS]
     parts = known_torques(model, told)
     weights = [_weight(model, part) for part in parts]
     shares = []
