@@ -82,7 +82,8 @@ def blended(
     """The grounding with the share of what is predicted with which `simulator` replays `recordings` best.
 
     All that is compared counts (`Errors`), and nothing of it may surely be worse than without. `values` (n,) of the
-    simulator's parameters. The share stays 0 where none is surely better (`evidence`). Raises GroundingError where no replay succeeds.
+    simulator's parameters. The share stays 0 where none is surely better (`evidence`). Raises GroundingError where no replay
+    succeeds.
     """
     weights = np.column_stack([1.0 - SHARES, SHARES])
     grounded = GroundedSimulator(simulator, grounding, extrapolate=True, weights=weights)
