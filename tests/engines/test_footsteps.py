@@ -143,3 +143,15 @@ def test_legs_and_joints_that_were_mixed_up_are_named(walked: tuple[Path, Record
         legs_of(load(path)), [recording.with_channel(position.replace(values=position.values * signs)).slice(0.0, 1.5)]
     )
     assert "'rr_side' turns the other way" in said
+
+
+def test_a_robot_on_a_treadmill_is_told_of(walked: tuple[Path, Recording]) -> None:
+    path, recording = walked
+    walking = recording.slice(2.2, 3.4)
+    place = walking.channel("base_position")
+    speed = (place.values[-1] - place.values[0]) / (place.time[-1] - place.time[0])
+    belt = place.replace(values=place.values - (place.time - place.time[0])[:, None] * speed * [1.0, 1.0, 0.0])
+    (said,) = sliding(legs_of(load(path)), [walking.with_channel(belt)])
+    assert "treadmill" in said
+    told = float(said.split("about ")[1].split(" m/s")[0])
+    assert told == pytest.approx(np.hypot(*speed[:2]), rel=0.3)  # feet slip a little
