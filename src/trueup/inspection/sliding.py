@@ -87,8 +87,8 @@ def _belts(legs: Legs, walks: Sequence[_Walk]) -> str:
         beside = (by_feet - walk.places)[:, :2]
         apart = beside[_AHEAD:] - beside[:-_AHEAD]
         stays = np.hypot(*(walk.places[-1] - walk.places[0])[:2]) < _SLIPS * np.hypot(*(by_feet[-1] - by_feet[0])[:2])
-        if stays and _size(apart - apart.mean(axis=0)) ** 2 < _HALF * _size(apart) ** 2:
-            speeds.append(float(np.hypot(*apart.mean(axis=0))) * _RATE / _AHEAD)
+        if stays and _size(apart - apart.mean(axis=0)) ** 2 < HALVED * _size(apart) ** 2:
+            speeds.append(float(np.hypot(*apart.mean(axis=0))) / (_AHEAD * LOOK))
     if 2 * len(speeds) <= len(walks):
         return ""
     return (

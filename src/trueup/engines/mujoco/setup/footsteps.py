@@ -39,6 +39,7 @@ _UPRIGHT = 0.87
 """Cosine of what a robot leans that stands or walks, in the median: 30 degrees. A unit mounted otherwise says more."""
 _TURNS = listed("quat quaternion orientation ori rotation rot attitude rpy euler q")
 
+
 def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings with the pose of a free base that none of them tells, where the robot stood on its feet, and notes.
 
