@@ -143,3 +143,40 @@ def test_legs_and_joints_that_were_mixed_up_are_named(walked: tuple[Path, Record
         legs_of(load(path)), [recording.with_channel(position.replace(values=position.values * signs)).slice(0.0, 1.5)]
     )
     assert "'rr_side' turns the other way" in said
+
+
+def test_a_robot_on_a_treadmill_is_told_of(walked: tuple[Path, Recording]) -> None:
+    path, recording = walked
+    walking = recording.slice(2.2, 3.4)
+    place = walking.channel("base_position")
+    speed = (place.values[-1] - place.values[0]) / (place.time[-1] - place.time[0])
+    belt = place.replace(values=place.values - (place.time - place.time[0])[:, None] * speed * [1.0, 1.0, 0.0])
+    (said,) = sliding(legs_of(load(path)), [walking.with_channel(belt)])
+    assert "treadmill" in said
+    told = float(said.split("about ")[1].split(" m/s")[0])
+    assert told == pytest.approx(np.hypot(*speed[:2]), rel=0.3)  # feet slip a little
+
+
+@pytest.mark.parametrize("way", ["imu", "imu_quat", "orientation", "q", "imu_rpy"])
+def test_an_attitude_under_the_name_of_an_inertial_unit_tells_how_the_base_was_turned(
+    walked: tuple[Path, Recording], way: str
+) -> None:
+    path, recording = walked
+    turn = recording.channel("base_orientation")
+    blind = recording.without("base_position").without("base_orientation").without("gyro").without("accelerometer")
+    if way == "q":  # columns qw, qx, qy, qz
+        for label in turn.labels:
+            blind = blind.with_channel(Channel(f"q{label}", (f"q{label}",), "", turn.time, turn.column(label)[:, None]))
+    elif way == "imu_rpy":
+        angles = np.degrees(angles_of(turn.values))
+        blind = blind.with_channel(Channel(way, ("roll", "pitch", "yaw"), "deg", turn.time, angles))
+    else:
+        labels = ("qw", "qx", "qy", "qz") if way == "imu" else turn.labels
+        blind = blind.with_channel(turn.replace(name=way, labels=labels))
+    (expected,) = _blind(walked, ("base_position", *_TURNING)).recordings
+    (found,) = prepare(path, [blind], propose=False).recordings
+    for name in ("base_position", "base_orientation"):
+        np.testing.assert_allclose(found.channel(name).values, expected.channel(name).values, atol=1e-4)
+    foot = blind.replace(channels={n: c for n, c in blind.channels.items() if n in ("command", "position")})
+    foot = foot.with_channel(turn.replace(name="foot_quat"))
+    assert any("it is held in the air" in str(n) for n in prepare(path, [foot], propose=False).notes)

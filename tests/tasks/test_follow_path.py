@@ -8,9 +8,12 @@ import re
 import numpy as np
 import pytest
 
+from trueup.arrays import Array
+from trueup.controllers.controller import Observation
 from trueup.controllers.stanley import StanleySettings
 from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.errors import ParameterError, UnknownNameError
+from trueup.parameters import Parameter, ParameterSpace
 from trueup.paths import Path
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
@@ -197,3 +200,47 @@ def test_a_path_that_no_steering_can_follow_is_named() -> None:
 def test_a_path_in_degrees_is_no_path_in_metres() -> None:
     with pytest.raises(ParameterError, match=r"is 0.0001 m long, less than the vehicle .* are its numbers metres"):
         FollowPath([Path.from_points("earth", [[48.1, 11.5], [48.1001, 11.5]])])
+
+
+class Aiming:
+    """A law of a user's own: steers in proportion to how far aside the path's height y = 0 lies."""
+
+    period = 0.02
+
+    def __init__(self, values: Array) -> None:
+        self.pull = values[:, 0]
+
+    def reset(self, observation: Observation) -> None:
+        """It remembers nothing."""
+
+    def command(self, observation: Observation) -> Array:
+        """(b, 2) m/s and rad."""
+        return np.column_stack([np.full_like(self.pull, 0.5), -self.pull * observation.position[:, 1]])
+
+
+class Aimed(FollowPath):
+    """The same task for that law."""
+
+    def __init__(self) -> None:
+        super().__init__([STRAIGHT])
+        self.parameters = ParameterSpace((Parameter("pull", "rad/m", 1.0, 0.0, 9.0),))
+
+    def controllers(self, values: Array) -> Aiming:
+        """The law of b copies."""
+        return Aiming(values)
+
+
+def test_a_law_of_ones_own_is_simulated_and_its_runs_are_compared_with_it() -> None:
+    task = Aimed()
+    vehicle = Vehicle("car", 0.55, 0.698)
+    simulator = BicycleSimulator(vehicle, vehicle_space(vehicle, ("steering_delay",)))
+    assert simulated_scores(task, simulator, np.array([[0.1]]), np.array([[1.0]]))[0, 0] < 0.01
+    run = drive(task, 0.1)
+    command = run.channel("command")
+
+    def steered(pull: float) -> Recording:
+        return run.with_channel(command.replace(values=np.tile([0.5, -0.1 * pull], (len(command.time), 1))))
+
+    assert robot_doubts(task, [[steered(4.0)]], np.array([4.0])) == ((),)
+    ((said,),) = robot_doubts(task, [[steered(1.0)]], np.array([4.0]))
+    assert "with the settings of today" in said

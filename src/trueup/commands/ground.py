@@ -28,6 +28,7 @@ from trueup.report.numbers import scale_for
 from trueup.trial import Trial
 
 if TYPE_CHECKING:
+    from trueup.engines.simulator import Simulator
     from trueup.grounding.comparison import Score
     from trueup.grounding.grounded import GroundedSimulator
     from trueup.grounding.grounding import Grounding
@@ -197,7 +198,7 @@ def _plain(score: Score) -> dict[str, Any]:
 
 def _grounded(args: argparse.Namespace, grounding: Grounding, ready: Preparation) -> tuple[Grounding, dict[str, Any]]:
     """A simulator's replay grounded and not, with the share and the inverse model that serve it best."""
-    from trueup.grounding.blend import best_way, replayed
+    from trueup.grounding.blend import best_way
     from trueup.grounding.grounded import GroundedSimulator
 
     simulator, values = ready.simulator, ready.simulator.parameters.nominal
@@ -209,15 +210,28 @@ def _grounded(args: argparse.Namespace, grounding: Grounding, ready: Preparation
         "share": best.weights[1], "inverse": best.inverse is not None, "residual": args.residual or "", "why": why,
         "model": simulator.name, "chained": best.chained, "refused": {},
     }  # fmt: skip
-    each = []
+    each: list[dict[str, Any]] = []
     grounded = GroundedSimulator(simulator, best)
     for kind, recordings in (("learned from", ready.recordings), ("held out", ready.hold_out)):
         if recordings:
-            before, after = (replayed(s, recordings, values[None])[0] for s in (simulator, grounded))
-            each += [{"recording": r.name, "kind": kind, "before": b, "after": a}
-                     for r, b, a in zip(recordings, before.tolist(), after.tolist(), strict=True)]  # fmt: skip
+            each += _replays(kind, recordings, simulator, grounded, values)
             told_of["refused"] |= _refused(grounded, recordings, values)
     return best, {**told_of, "replays": each}
+
+
+def _replays(
+    kind: str, recordings: Sequence[Recording], simulator: Simulator, grounded: GroundedSimulator,
+    values: np.ndarray[Any, Any],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Errors of all that is compared, recording by recording, the joints' first."""
+    from trueup.grounding.blend import compared
+
+    before, after = (compared(s, recordings, values[None]) for s in (simulator, grounded))
+    return [
+        {"recording": r.name, "kind": kind, "channel": name, "unit": r.channel(name).unit,
+         "before": float(before.of(name)[0, k]), "after": float(after.of(name)[0, k])}
+        for k, r in enumerate(recordings) for name in before.channels if r.has(name)
+    ]  # fmt: skip
 
 
 def _refused(
@@ -260,15 +274,16 @@ def _show(story: dict[str, Any], console: Console) -> None:
         words = f"{scale.text(s['error'])} {scale.unit}, a second on {s['ahead']:.3g} spreads"
         tell(console, f"  held out: {s['name']:20} {words}")
     if "simulator" in story:
-        _show_replays(story["simulator"], story["unit"], console)
+        _show_replays(story["simulator"], console)
 
 
-def _show_replays(told: dict[str, Any], unit: str, console: Console) -> None:
-    scale = scale_for(unit, [r["before"] for r in told["replays"]])
-    table = table_of("", "", "as it is", "grounded", title=f"{told['model']}: replay error in {scale.unit}")
+def _show_replays(told: dict[str, Any], console: Console) -> None:
+    table = table_of("", "", "", "as it is", "grounded", "", title=f"{told['model']}: replay error")
     for r in told["replays"]:
+        scale = scale_for(r["unit"], [x["before"] for x in told["replays"] if x["channel"] == r["channel"]])
         after = scale.text(r["after"]) if np.isfinite(r["after"]) else "refused"
-        table.add_row(escape(r["recording"]), r["kind"], scale.text(r["before"]), after)
+        shown = (escape(r["recording"]), r["kind"], r["channel"], scale.text(r["before"]), after, scale.unit)
+        table.add_row(*shown)
     console.print(table)
     how = f"{', chained' * told['chained']}{', by the inverse model of the simulator' * told['inverse']}"
     what = f"{told['share']:.2g} of {_TOLD[told['residual']]}{how}"

@@ -239,6 +239,10 @@ def _line(channel: ChannelInspection) -> str:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
     none = _UNITLESS.get(channel.name, "unit unknown: say it in the mapping")
+    if channel.name.startswith("command") and all(
+        _is_share(x) for x, u in zip(channel.labels, units, strict=True) if not u
+    ):
+        none = "share of the full one"
     said = [f"{units.count(u)} x {u or none}" for u in dict.fromkeys(units)]
     parts = [" and ".join(said)]
     same = [u == channel.unit for u in units]  # a step in m says nothing of one in rad
@@ -252,6 +256,11 @@ def _line(channel: ChannelInspection) -> str:
         scale = scale_for(channel.unit, noise)
         parts.append(f"noise {scale.text(sorted(noise)[len(noise) // 2], 2)} {scale.unit}")
     return escape(", ".join(parts) + f"   [{_listed(channel)}]")
+
+
+def _is_share(label: str) -> bool:
+    """Whether a command without a unit is taken as a share of what a vehicle can, which is no gap of the mapping."""
+    return label in ("throttle", "brake", "steering") or label.endswith("_duty")
 
 
 def _listed(channel: ChannelInspection) -> str:

@@ -21,10 +21,42 @@ from trueup.grounding.rows import rows_of
 from trueup.grounding.views import Model, fitted
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
+from trueup.samples import wrapped
 from trueup.trial import Trial
 
 SHARES = np.linspace(0.0, 1.0, 11)
 """Shares of what is predicted that are tried; 0 is the simulator as it is."""
+_JOINTS, _ORIENTATION = "position", "base_orientation"
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Root mean squared errors of replays, signal by signal: joints, and all else that was measured and is simulated.
+
+    Joints that go where the robot's went are worth little under a base that leans by it, so all of it is compared.
+    """
+
+    channels: tuple[str, ...]
+    values: Array
+    """(b, recordings, channels) in each channel's unit; NaN where a recording lacks it, inf where its replay failed."""
+
+    def of(self, channel: str) -> Array:
+        """(b, recordings) of one channel."""
+        return self.values[:, :, self.channels.index(channel)]
+
+    def typical(self) -> Array:
+        """(b, recordings) geometric means over channels, of which each counts alike, whatever its unit."""
+        known = ~np.isnan(self.values)
+        logs = np.log(np.maximum(np.where(known, self.values, 1.0), NEGLIGIBLE))
+        return np.exp(logs.sum(axis=2) / known.sum(axis=2))
+
+    def worse(self, row: int) -> tuple[str, ...]:
+        """Channels that are surely replayed worse by a row than by the first one."""
+        first, other = self.values[0], self.values[row]
+        known = ~np.isnan(first)
+        return tuple(
+            name for k, name in enumerate(self.channels) if evidence(other[known[:, k], k], first[known[:, k], k]).holds
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +65,15 @@ class Blend:
 
     shares: Array
     """(s,)."""
-    errors: Array
-    """(s, recordings) root mean squared error of the joints, in their unit; NaN where the simulation failed."""
+    errors: Errors
+    """Of the shares (s,)."""
     best: float
     why: str
 
     @property
     def least(self) -> float:
-        """The least geometric mean over recordings, of those shares with which none failed."""
-        whole = self.errors[np.isfinite(self.errors).all(axis=1)]
-        return float(np.exp(np.log(whole).mean(axis=1)).min()) if len(whole) else float("inf")
+        """The geometric mean over recordings and what is compared, with the share that was taken."""
+        return float(np.exp(np.log(self.errors.typical()[self.shares == self.best]).mean()))
 
 
 def blended(
@@ -50,22 +81,29 @@ def blended(
 ) -> tuple[Grounding, Blend]:
     """The grounding with the share of what is predicted with which `simulator` replays `recordings` best.
 
-    `values` (n,) of the simulator's parameters. The share stays 0 where none is surely better (`evidence`).
-    Raises GroundingError where no replay succeeds.
+    All that is compared counts (`Errors`), and nothing of it may surely be worse than without. `values` (n,) of the
+    simulator's parameters. The share stays 0 where none is surely better (`evidence`). Raises GroundingError where no replay
+    succeeds.
     """
     weights = np.column_stack([1.0 - SHARES, SHARES])
     grounded = GroundedSimulator(simulator, grounding, extrapolate=True, weights=weights)
-    errors = replayed(grounded, recordings, np.tile(values, (len(SHARES), 1)))
-    known = np.where(np.isfinite(errors), errors, np.inf)
-    if not np.isfinite(known).all(axis=1).any():
+    errors = compared(grounded, recordings, np.tile(values, (len(SHARES), 1)))
+    each = errors.typical()
+    if not np.isfinite(each).all(axis=1).any():
         raise GroundingError(
             f"'{simulator.name}' replays none of {counted(len(recordings), 'recording')}, grounded or not"
         )
-    typical = np.exp(np.mean(np.log(np.maximum(known, NEGLIGIBLE)), axis=1))
-    best = int(np.argmin(typical))
-    gain = evidence(known[0], known[best])
+    worse = [errors.worse(row) for row in range(len(SHARES))]
+    open_to = np.array([not names for names in worse])
+    typical = np.exp(np.log(np.maximum(each, NEGLIGIBLE)).mean(axis=1))
+    best = int(np.argmin(np.where(open_to, typical, np.inf)))
+    gain = evidence(each[0], each[best])
     sure = best > 0 and (gain.holds or len(recordings) < 2 or not np.isfinite(gain.gain))
     words = f"ln(error ungrounded / error with {SHARES[best]:.1f}) is {gain.gain:.2f} +- {gain.standard_error:.2f}"
+    words += f", of {', '.join(errors.channels)} together" if len(errors.channels) > 1 else ""
+    bolder = int(np.argmin(typical))
+    if worse[bolder]:
+        words += f"; with {SHARES[bolder]:.1f} {' and '.join(worse[bolder])} would surely be worse"
     share = float(SHARES[best]) if sure else 0.0
     return grounding.weighted(1.0 - share, share), Blend(SHARES, errors, share, words)
 
@@ -92,16 +130,33 @@ def best_way(
 
 
 def replayed(simulator: Simulator, recordings: Sequence[Recording], values: Array) -> Array:
-    """(b, recordings) root mean squared error of all joints that both have, for values (b, n); NaN for failed rows."""
-    trials = [Trial.of(r, ["position"]) for r in recordings]
-    return np.stack([_error(r, o) for r, o in zip(recordings, simulator.rollout(trials, values), strict=True)], axis=1)
+    """(b, recordings) root mean squared error of all joints that both have, for values (b, n); inf for failed rows."""
+    return compared(simulator, recordings, values, [_JOINTS]).of(_JOINTS)
 
 
-def _error(recording: Recording, rollout: Rollout) -> Array:
-    real = recording.channel("position").values[: len(rollout.trial.observed["position"].time)]
-    wrong = rollout.channels["position"] - real
+def compared(
+    simulator: Simulator, recordings: Sequence[Recording], values: Array, channels: Sequence[str] | None = None
+) -> Errors:
+    """Errors of all that recordings measured and `simulator` reproduces (or of `channels`), for values (b, n)."""
+    seen = [simulator.observable(r) if channels is None else channels for r in recordings]
+    names = tuple(dict.fromkeys(name for each in seen for name in (_JOINTS, *each)))
+    trials = [Trial.of(r, [n for n in names if n in (_JOINTS, *own)]) for r, own in zip(recordings, seen, strict=True)]
+    found = np.full((len(values), len(recordings), len(names)), np.nan)
+    for k, (recording, rollout) in enumerate(zip(recordings, simulator.rollout(trials, values), strict=True)):
+        for name in rollout.trial.observed:
+            found[:, k, names.index(name)] = _error(recording, rollout, name)
+    return Errors(names, found)
+
+
+def _error(recording: Recording, rollout: Rollout, name: str) -> Array:
+    observed = rollout.trial.observed[name]
+    real = recording.channel(name).values[: len(observed.time)]
+    wrong = rollout.channels[name] - real
+    if name == _ORIENTATION and observed.unit == "rad":
+        wrong = wrapped(wrong)  # a base that turned half round jumps from pi to -pi
     known = np.isfinite(real)
-    return np.sqrt(np.sum(np.where(known, wrong, 0.0) ** 2, axis=(1, 2)) / max(int(known.sum()), 1))
+    error = np.sqrt(np.sum(np.where(known, wrong, 0.0) ** 2, axis=(1, 2)) / max(int(known.sum()), 1))
+    return np.where(np.isfinite(error), error, np.inf)
 
 
 def with_inverse(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a robot's feet slide by what was recorded: names of legs that were exchanged, joints that turn the other way."""
+"""Whether a robot's feet slide by what was recorded: legs exchanged, joints that turn the other way, a treadmill."""
 
 from __future__ import annotations
 
@@ -53,6 +53,8 @@ def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ..
     if legs is None or not walks:
         return ()
     count = len(legs.joints)
+    if belts := _belts(legs, walks):
+        return (belts,)
     went = np.array([_size(w.places[_AHEAD:] - w.places[:-_AHEAD]) for w in walks])
     errors, stood = _stepped(legs, walks, np.arange(count), np.ones(count))
     if not np.any(errors > _SLIPS * went):
@@ -74,6 +76,26 @@ def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ..
         f"by joints and base the feet slide: within {_AHEAD * LOOK:g} s the base goes elsewhere than feet that stand still "
         f"would take it by {1e3 * _size(errors):.1f} mm, and by {ways}: were they mixed up in the log? Mend the mapping, or "
         "the model",
+    )
+
+
+def _belts(legs: Legs, walks: Sequence[_Walk]) -> str:
+    """A sentence where all feet go over the floor alike while the base stays where it is, as on a treadmill; '' elsewhere."""
+    speeds = []
+    for walk in walks:
+        by_feet, _ = legs.path(walk.poses, walk.turns)
+        beside = (by_feet - walk.places)[:, :2]
+        apart = beside[_AHEAD:] - beside[:-_AHEAD]
+        stays = np.hypot(*(walk.places[-1] - walk.places[0])[:2]) < _SLIPS * np.hypot(*(by_feet[-1] - by_feet[0])[:2])
+        if stays and _size(apart - apart.mean(axis=0)) ** 2 < HALVED * _size(apart) ** 2:
+            speeds.append(float(np.hypot(*apart.mean(axis=0))) / (_AHEAD * LOOK))
+    if 2 * len(speeds) <= len(walks):
+        return ""
+    return (
+        f"by joints and base all feet go over the floor alike, at about {np.median(speeds):.2g} m/s, and the base stays: "
+        "does the robot walk on a treadmill? The model's floor stands still, where the fit would blame friction. Log "
+        f"{POSITION} as the belt sees it (add how far that has run), or leave it out: where the base was is then reckoned "
+        "from its feet"
     )
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,20 +76,23 @@ def _judged(story: Story) -> Markup:
 
 def _simulator(story: Story) -> Markup:
     told = story["simulator"]
-    scale = scale_for(story["unit"], [r["before"] for r in told["replays"]])
-    rows = [
-        row(r["recording"], cells(r["kind"], kind=""), cells(scale.text(r["before"]),
-            scale.text(r["after"]) if math.isfinite(r["after"]) else "refused"))
-        for r in told["replays"]
-    ]  # fmt: skip
+    rows = [row(r["recording"], _replay(r, told["replays"])) for r in told["replays"]]
     how = f"{', chained' * told['chained']}{', by its inverse model' * told['inverse']}"
     what = {"": "what is predicted is told to it", "command": "what it lacks is added to its commands",
             "torque": "what it lacks is added to its joints as torque"}[told["residual"]]  # fmt: skip
     words = f"{told['share']:.2g} of {what}{how}: {told['why']}."
-    note = "Root mean square of simulated minus measured joint positions. Refused: it asks for what was not learned."
+    note = "Root mean square of simulated minus measured. Refused: it asks for what was not learned."
     why = [callout("warn", name, reason) for name, reason in told["refused"].items()]
-    titles = ("recording", "", f"as it is, {scale.unit}", f"grounded, {scale.unit}")
-    return join([tag("p", words), table(head(*titles, numbers=(2, 3)), rows), caption(note), *why])
+    titles = ("recording", "", "channel", "as it is", "grounded", "")
+    return join([tag("p", words), table(head(*titles, numbers=(3, 4)), rows), caption(note), *why])
+
+
+def _replay(each: Story, beside: Sequence[Story]) -> Markup:
+    """Cells of one recording's channel, in the unit that fits all recordings' errors of it."""
+    scale = scale_for(each["unit"], [r["before"] for r in beside if r["channel"] == each["channel"]])
+    after = scale.text(each["after"]) if math.isfinite(each["after"]) else "refused"
+    words = cells(each["kind"], each["channel"], kind="")
+    return join([words, cells(scale.text(each["before"]), after), cells(scale.unit, kind="")])
 
 
 def _joints(story: Story) -> Markup:

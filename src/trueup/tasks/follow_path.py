@@ -9,7 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.compiled import njit
-from trueup.controllers.controller import Observation
+from trueup.controllers.controller import Controller, Observation
 from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout
@@ -86,7 +86,7 @@ class FollowPath:
         """Of the score."""
         return "m"
 
-    def controllers(self, values: Array) -> Stanley:
+    def controllers(self, values: Array) -> Controller:
         """The controller of b copies with gains (b, m)."""
         return Stanley(values, self.settings, names=self.parameters.names)
 
@@ -124,8 +124,8 @@ class FollowPath:
         """
         found = []
         for row, settings in enumerate([] if rollout.settings is None else rollout.settings):
-            apart, spread = self._apart(rollout, row, settings, path)
-            today = self._apart(rollout, row, self.parameters.nominal, path)[0]
+            apart, spread = self._apart(rollout, row, settings)
+            today = self._apart(rollout, row, self.parameters.nominal)[0]
             if apart > _NOISE and today < UNLIKE * apart:
                 found.append(
                     f"what was steered along path '{path.name}' is what the law commands with the settings of today, to "
@@ -141,14 +141,14 @@ class FollowPath:
                 )
         return found
 
-    def _apart(self, rollout: Rollout, row: int, settings: Array, path: Path) -> tuple[float, float]:
+    def _apart(self, rollout: Rollout, row: int, settings: Array) -> tuple[float, float]:
         """By how much the steering of a run differs from the law's with `settings` (m,), and how much that steers, in rad."""
-        lawful, done = self._along(rollout, row, settings, path)
+        lawful, done = self._along(rollout, row, settings)
         if not len(done):
             return 0.0, 0.0
         return float(rms(done - lawful)), float(rms(lawful))
 
-    def _along(self, rollout: Rollout, row: int, settings: Array, path: Path) -> tuple[Array, Array]:
+    def _along(self, rollout: Rollout, row: int, settings: Array) -> tuple[Array, Array]:
         """(n,) steering by the law with `settings` (m,) along a run, and as it was commanded, each the mean of a second."""
         names = ("position", "heading", "speed", "command")
         known = np.isfinite(np.concatenate([rollout.channels[n][row] for n in names], axis=1)).all(axis=1)
@@ -157,7 +157,9 @@ class FollowPath:
         if len(time) < 3:
             return np.zeros(0), np.zeros(0)
         turn = np.gradient(np.unwrap(heading[:, 0]), time)
-        law = Stanley(settings, self.settings, names=self.parameters.names, path=path)
+        law = self.controllers(
+            np.atleast_2d(settings)
+        )  # that of this task: who follows paths by another one overrides it
         pose, velocity = np.hstack([position, heading]), np.column_stack([speed[:, 0], turn])
         seen = [
             Observation(t, p[None], v[None], {}, rollout.trial) for t, p, v in zip(time, pose, velocity, strict=True)

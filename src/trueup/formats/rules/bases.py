@@ -74,7 +74,7 @@ RULES = (
         unit="rad",
     ),
 )  # fmt: skip
-_SOURCES = tuple(
+SOURCES = tuple(
     frozenset(group.split())
     for group in (
         "mocap vicon opti optitrack qualisys vrpn motive motion capture rigid",
@@ -84,7 +84,7 @@ _SOURCES = tuple(
     )
 )
 """Words for whose pose it is or who measured it, the better sources first."""
-_OTHERS = TOOLS | listed(
+OTHERS = TOOLS | listed(
     "imu command commanded cmd desired des target goal ref reference foot feet hand camera velocity vel twist "
     "linear angular lin acc accel acceleration speed gyro omega"
 )
@@ -135,7 +135,7 @@ class Pose:
 def of_place(names: Sequence[str]) -> bool:
     """Whether names (without their axis) are those of a base, trunk or motion capture."""
     plain = {word for name in names for word in words(name)}
-    return any(plain & source for source in _SOURCES) and not plain & _OTHERS
+    return any(plain & source for source in SOURCES) and not plain & OTHERS
 
 
 def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
@@ -145,7 +145,7 @@ def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
     best source that has a whole pose; nothing where a number is not there, stands there twice, or cannot be one.
     """
     every = [part for name, group in groups.items() if _may_be(name) for part in _parts(name, group)]
-    wholes = [_whole_pose([p for p in every if _source(p.group) == k]) for k in range(len(_SOURCES) + 1)]
+    wholes = [_whole_pose([p for p in every if _source(p.group) == k]) for k in range(len(SOURCES) + 1)]
     notes: list[str] = []
     for places, turn in (w for w in [*wholes, _whole_pose(every)] if w is not None):
         labels = _QUATERNION if turn[0].component == "qw" else _ANGLES
@@ -164,7 +164,7 @@ def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
 
 def _half(parts: Sequence[_Part]) -> list[str]:
     """What to say of a place of a base whose orientation is not there."""
-    sources = [[p for p in parts if p.group not in _BARE and _source(p.group) == k] for k in range(len(_SOURCES))]
+    sources = [[p for p in parts if p.group not in _BARE and _source(p.group) == k] for k in range(len(SOURCES))]
     places = next(filter(None, (_whole(each, _PLACES) for each in sources)), None)
     if places is None:
         return []
@@ -194,13 +194,13 @@ def _whole(parts: Sequence[_Part], wanted: Sequence[str]) -> list[_Part] | None:
 
 def _source(name: str) -> int:
     """How good the source of a group is, by its name: 0 the best, the last for none."""
-    found = [k for k, group in enumerate(_SOURCES) if group & set(words(name))]
+    found = [k for k, group in enumerate(SOURCES) if group & set(words(name))]
     # An odometry's pose of the base drifts, whatever else its name says.
-    return max(found) if len(_SOURCES) - 1 in found else min(found, default=len(_SOURCES))
+    return max(found) if len(SOURCES) - 1 in found else min(found, default=len(SOURCES))
 
 
 def _may_be(name: str) -> bool:
-    return name in _BARE or (_source(name) < len(_SOURCES) and not _OTHERS & set(words(name)))
+    return name in _BARE or (_source(name) < len(SOURCES) and not OTHERS & set(words(name)))
 
 
 def _parts(name: str, group: Sequence[Column]) -> list[_Part]:

@@ -26,6 +26,10 @@ COMMANDED = listed(
 SENT = listed("sent written applied")
 PLAINLY_MEASURED = listed("measured meas msr msd mes actual present feedback fb fbk ist mesure medida misura")
 """Words that mean a position where nothing says of what."""
+TRACKERS = listed("vicon mocap optitrack qualisys odom odometry gps gnss uwb imu cam camera encoder")
+"""Where a measurement may come from."""
+_WHOSE = COMMANDED | SENT | PLAINLY_MEASURED | TRACKERS
+"""Words that may stand behind a unit: none is a part of the robot."""
 MEASURED = PLAINLY_MEASURED | listed(
     "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
     "estimated pv real"
@@ -135,17 +139,27 @@ def taken_apart(name: str) -> Name:
 
 
 def _tail(text: str, spans: Sequence[tuple[str, int, int]]) -> tuple[str, range]:
-    """The unit at the end of a name, in pieces of their own ("pos_hip_deg", "speed m/s"); a name is more than its unit."""
+    """The unit at the end of a name, in pieces of their own ("pos_hip_deg", "speed m/s"); a name is more than its unit.
+
+    An index may follow it, or what only says whose it is ("speed_kmh_set"): not behind single letters, as of motor_a_cmd.
+    """
     pieces = [(match[0].lower(), match.start()) for match in _PIECE.finditer(text)]
     pieces = pieces[:-1] if len(pieces) > 1 and pieces[-1][0].isdigit() else pieces
     last = len(spans) - 1 if spans and spans[-1][0].isdigit() else len(spans)
+    whole = len(pieces)
+    while len(pieces) > 1 and pieces[-1][0] in _WHOSE:
+        pieces, last = pieces[:-1], next(i for i, span in enumerate(spans) if span[1] >= pieces[-1][1])
     for count in (2, 1):
         unit = _TAILS.get(tuple(piece for piece, _ in pieces[-count:]), "")
         if unit == "N" and text[pieces[-1][1]] != "N":  # a small n counts
             continue
+        if len(pieces) < whole and sum(len(piece) for piece, _ in pieces[-count:]) < 2:
+            continue
         if unit and len(pieces) > count:
-            last = len(spans) if pieces[-1][0].endswith("2") else last  # of m/s2, and no index
+            last = len(spans) if pieces[-1][0].endswith("2") and len(pieces) == whole else last  # of m/s2, and no index
             return unit, range(next(i for i, span in enumerate(spans) if span[1] >= pieces[-count][1]), last)
+    while last > 2 and spans[last - 1][0] in _WHOSE:  # jointAngleDegCmd
+        last -= 1
     camel = spans[last - 1][0] if last > 1 else ""
     unit = _TAILS.get((camel,), "") if len(camel) > 2 else ""  # jointAngleDeg
     return unit, range(last - 1, last) if unit else range(0)

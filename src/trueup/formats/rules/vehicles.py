@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.rules.names import COMMANDED, PLAINLY_MEASURED, listed, words
+from trueup.formats.rules.names import COMMANDED, PLAINLY_MEASURED, TRACKERS, listed, words
 from trueup.formats.rules.rule import Column, Example, Rule
 from trueup.units import canonical, to_si
 
@@ -53,6 +53,9 @@ RULES = (
          (Example("t,throttle,brake,steering", "0 .1 0 .1|.1 .2 0 .1|.2 0 1 .2", "command[] throttle steering brake"),)),
     Rule("steering", "steer, steering, str, delta, swa, servo, lenkwinkel",
          (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),
+          Example("t_ms,speed_kmh_set,steer_norm,x_mm_cam,y_mm_cam,yaw_deg_cam", "0 1 .1 1 2 3|100 2 .2 9 3 4",
+                  "command[m/s,] speed steering; position[m] x y; heading[rad] heading"),
+          Example("t,v_mps_cmd,servo_ticks,x,y", "0 1 370 1 2|.1 2 390 9 3", "command[m/s,] speed steering; position[m] x y"),
           Example("t,longitudinal.velocity,lateral.steering_tire_angle,drive.speed,x,y",
                   "0 1 .1 1 0 0|.1 2 .2 1 1 0|.2 1 .1 2 2 0", "command[] speed steering; position[m] x y"),), also=("rad",)),
     # Taken for steering only beside a place, where no joint has a position.
@@ -144,13 +147,14 @@ _ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick 
 _WHOSE = (
     _ASKED
     | PLAINLY_MEASURED
+    | TRACKERS
     | listed(
-        "pos position pose loc vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart "
-        "truck world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder "
+        "pos position pose loc rtk ins car vehicle robot rover cart "
+        "truck world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand "
         "real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation "
-        "sent norm normalized angle ratio value percentage data msg stamped twist vesc sensors sensor core "
+        "sent norm normalized ticks tick angle ratio value percentage data msg stamped twist vesc sensors sensor core "
         "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
-        "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
+        "csv npz topic inferred imu raw body fix navsat apriltag tag aruco marker beacon lidar tracker tracked tracking "
         "field location ned rb rigid ego agent hero player actuator actuators"
     )
 )

@@ -10,19 +10,34 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.articulated.inertial import CALM, with_inertial_units
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, angles_of, in_angles, quaternion_of
+from trueup.articulated.pose import (
+    ANGLES,
+    AXES,
+    ORIENTATION,
+    POSITION,
+    QUATERNION,
+    angles_of,
+    in_angles,
+    quaternion_of,
+)
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
 from trueup.engines.mujoco.setup.stance import BEGINNING, stood
+from trueup.formats.rules.bases import OTHERS, SOURCES
+from trueup.formats.rules.names import listed, words
 from trueup.inspection.sensors import sensed
 from trueup.inspection.sliding import Legs
 from trueup.recording import Channel, Recording
-from trueup.samples import between, unwound
+from trueup.samples import between, is_unit, unwound
 from trueup.trial import RECKONED
-from trueup.units import GRAVITY
+from trueup.units import GRAVITY, hardly_radians
+
+_UPRIGHT = 0.87
+"""Cosine of what a robot leans that stands or walks, in the median: 30 degrees. A unit mounted otherwise says more."""
+_TURNS = listed("quat quaternion orientation ori rotation rot attitude rpy euler q")
 
 
 def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -106,9 +121,10 @@ def legs_of(model: Model) -> Legs | None:
 
 def _turning(model: Model, recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
     """Roll, pitch and yaw of the base, and what told them."""
-    if recording.has(ORIENTATION):
-        channel = in_angles(recording).channel(ORIENTATION)
-        return (channel, (f"'{ORIENTATION}'",)) if channel.labels == ANGLES else None
+    told = recording.channels.get(ORIENTATION) or attitude(recording)
+    if told is not None:
+        channel = in_angles(recording.with_channel(told.replace(name=ORIENTATION))).channel(ORIENTATION)
+        return (channel, (f"'{told.name}'",)) if channel.labels == ANGLES else None
     (recording,), _ = with_inertial_units([recording])
     kinds = model.sensors()
     found = {}
@@ -122,6 +138,48 @@ def _turning(model: Model, recording: Recording) -> tuple[Channel, tuple[str, ..
     (time, rates, gyro), (late, pulls, accelerometer) = found["rad/s"], found["m/s^2"]
     angles = _integrated(time, rates, between(time, late, pulls))
     return Channel(ORIENTATION, ANGLES, "rad", time, angles), (f"'{gyro}'", f"'{accelerometer}'")
+
+
+def attitude(recording: Recording) -> Channel | None:
+    """How the robot was turned, as an inertial unit, or whatever is on its base, says under another name than
+    `base_orientation`: a quaternion, or roll, pitch and yaw, upright in the median. None where nothing, or several, do.
+    """
+    found = list[Channel]()
+    alone = [recording.channels.get(f"q{axis}") for axis in QUATERNION]
+    if all(c is not None and c.values.shape[1] == 1 for c in alone):  # four channels that are named by their axes alone
+        first, *more = [c for c in alone if c is not None]
+        if all(np.array_equal(c.time, first.time) for c in more):
+            values = np.hstack([first.values, *(c.values for c in more)])
+            found.append(first.replace(name="qw, qx, qy, qz", labels=QUATERNION, unit="", values=values))
+    for name, channel in recording.channels.items():
+        plain = set(words(name)) - {"deg", "rad"}
+        of_base = "imu" in plain or any(plain & source for source in SOURCES) or plain <= _TURNS
+        if of_base and not plain & (OTHERS - {"imu"}):
+            found += _as_turns(channel)
+    upright = [c for c in found if _up(c) > _UPRIGHT]
+    return upright[0] if len(upright) == 1 else None
+
+
+def _as_turns(channel: Channel) -> list[Channel]:
+    """A channel as a quaternion w, x, y, z, or roll, pitch, yaw in rad; none where it is neither."""
+    ends = [label.rsplit(".", 1)[-1].removeprefix("q") for label in channel.labels]
+    good = np.isfinite(channel.values).all(axis=1)
+    if sorted(ends) == sorted(QUATERNION) and is_unit(channel.values[good]):
+        order = [ends.index(axis) for axis in QUATERNION]
+        return [channel.replace(labels=QUATERNION, unit="", units=(), values=channel.values[:, order])]
+    if sorted(ends) != sorted(ANGLES) or channel.unit not in ("", "rad") or not good.any():
+        return []
+    degrees = not channel.unit and hardly_radians(float(np.abs(channel.values[good]).max()))
+    values = channel.values[:, [ends.index(axis) for axis in ANGLES]]
+    return [channel.replace(labels=ANGLES, unit="rad", units=(), values=np.radians(values) if degrees else values)]
+
+
+def _up(channel: Channel) -> float:
+    """Cosine of the angle between what points up of the base and of the world, in the median."""
+    values = channel.values[np.isfinite(channel.values).all(axis=1)]
+    if channel.labels == ANGLES:
+        return float(np.median(np.cos(values[:, 0]) * np.cos(values[:, 1])))
+    return float(np.median(1.0 - 2.0 * (values[:, 1] ** 2 + values[:, 2] ** 2)))
 
 
 def _integrated(time: Array, rates: Array, pulls: Array) -> Array:
