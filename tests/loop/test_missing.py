@@ -96,7 +96,7 @@ def test_nominal_values_that_cannot_be_simulated_are_no_place_to_look_from(
         return fit(*given, stages=stages, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr("trueup.loop.missing.fit", failing)
-    monkeypatch.setattr("trueup.loop.missing._ASTRAY", 0.0)  # as if the fit had not got far from there
+    monkeypatch.setattr("trueup.loop.missing.HALVED", 0.0)  # as if the fit had not got far from there
     assert "play and twist of gears" in calibrated(tmp_path, GEAR).lacking
 
 
