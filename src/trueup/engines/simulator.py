@@ -180,6 +180,10 @@ class InPlaceOf:
         """See `placed`."""
         return placed(self.whole, trial)
 
+    def passive(self, trial: Trial) -> bool:
+        """See `passive`."""
+        return passive(self.whole, trial)
+
 
 @runtime_checkable
 class Related(Protocol):
@@ -279,3 +283,17 @@ def placed(simulator: Simulator, trial: Trial) -> bool:
     it at the beginning, and nowhere later.
     """
     return not isinstance(simulator, Floating) or simulator.placed(trial)
+
+
+@runtime_checkable
+class Passive(Protocol):
+    """A Simulator that knows which joints nothing drives, and whether its robot touches anything."""
+
+    def passive(self, trial: Trial) -> bool:
+        """Whether contacts alone move joints that were measured in a trial: those of a boom that a hopper hangs on."""
+        ...
+
+
+def passive(simulator: Simulator, trial: Trial) -> bool:
+    """Whether contacts move joints of a trial that nothing drives; False where a simulator cannot tell."""
+    return isinstance(simulator, Passive) and simulator.passive(trial)

@@ -158,6 +158,12 @@ class MujocoSimulator:
         """See `engines.simulator.Floating`."""
         return free_joint(self.compiled) < 0 or measured_base(trial) is not None
 
+    def passive(self, trial: Trial) -> bool:
+        """See `engines.simulator.Passive`. What tendons and equalities move counts as driven."""
+        seen, driven = trial.observed.get("position"), self.model.actuator_of_joint()
+        moved = self.compiled.ntendon or self.compiled.neq or seen is None or driven.keys() >= set(seen.labels)
+        return not moved and self._touching is True
+
     def held(self, trial: Trial) -> Array:
         """(width,) what is told to drives that nobody commands in a trial."""
         return Signals(self.model, (), [trial], np.zeros((1, 0))).hold(0)
