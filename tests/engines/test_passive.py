@@ -12,7 +12,7 @@ import pytest
 from trueup.discrepancies.weighted import Weighted
 from trueup.loop.prepare import prepare
 from trueup.loop.problem import Problem
-from trueup.loop.windows import floating
+from trueup.loop.windows import carried
 from trueup.recording import Channel, Recording
 
 HOPPER = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><geom type="plane" size="5 5 1"/>
@@ -25,11 +25,11 @@ HOPPER = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbo
 
 
 @pytest.mark.parametrize(
-    ("height", "boom", "carried"),
+    ("height", "boom", "by_contacts"),
     [(0.22, "", True), (2.0, "", False), (0.22, '<position name="boom" joint="boom" kp="20" kv="1"/>', False)],
 )
 def test_contacts_carry_what_hangs_on_joints_that_nothing_drives(
-    tmp_path: Path, height: float, boom: str, carried: bool
+    tmp_path: Path, height: float, boom: str, by_contacts: bool
 ) -> None:
     (file := tmp_path / "hopper.xml").write_text(HOPPER.format(height=height, boom=boom))
     model = mujoco.MjModel.from_xml_path(str(file))
@@ -47,4 +47,4 @@ def test_contacts_carry_what_hangs_on_joints_that_nothing_drives(
     simulator = prepare(file, [run]).simulator
     problem = Problem(simulator, [run], Weighted.estimated([run], ["position"]), ("position",))
     problem.start_residual(simulator.parameters.nominal)
-    assert floating(problem) == carried
+    assert carried(problem) == by_contacts

@@ -16,9 +16,6 @@ from trueup.identification.kinematic_tree import KinematicTree, about, of_quater
 if TYPE_CHECKING:
     import mujoco
 
-_OF_JOINT = 0
-"""MuJoCo's number of an actuator that turns a joint."""
-
 
 def tree_from_mjcf(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
     """The tree of an MJCF file; bodies without joints are merged, a body with k joints gets k - 1 massless links before.
@@ -82,9 +79,11 @@ def _tree(
 
 def _effort(model: mujoco.MjModel, joint: int) -> float:
     """What the drives of a joint give at most, in N m (N): as the joint limits it, or else they; NaN where nothing does."""
+    import mujoco  # only where there is such a model: what identifies arms from URDF needs no simulator
+
     if model.jnt_actfrclimited[joint]:
         return float(model.jnt_actfrcrange[joint, 1])
-    on_it = (model.actuator_trntype == _OF_JOINT) & (model.actuator_trnid[:, 0] == joint)
+    on_it = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
     limits = [_strength(model, int(i)) for i in np.flatnonzero(on_it)]
     return sum(limits) if limits else np.nan
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.evidence import HALVED
 from trueup.inspection.relations import CORRELATED
 from trueup.inspection.zeros import far_beside, with_command
 from trueup.noise import estimate_grid, estimate_noise, is_noise
@@ -21,8 +22,6 @@ _LAGS = 25
 """Delays that are tried within that: each step far shorter than what a servo needs."""
 _SEVERAL = 3
 """Joints: fewer may all be in vain."""
-_HALF = 0.5
-"""Of a joint's squares that following its command must explain, where it goes less far than told, or further."""
 
 
 def beside_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -86,6 +85,6 @@ def _likeness(pairs: Sequence[_Pair], late: float) -> float:
             ones.append(one[good] - one[good].mean())
             others.append(other[good] - other[good].mean())
     one, other = np.concatenate(ones), np.concatenate(others)
-    if np.sum((one - other) ** 2) < _HALF * np.sum(one**2):
+    if np.sum((one - other) ** 2) < HALVED * np.sum(one**2):
         return 1.0
     return float(one @ other / max(np.sqrt(np.sum(one**2) * np.sum(other**2)), TINY))

@@ -14,7 +14,7 @@ from trueup.arrays import Array
 from trueup.loop.descent import HELD
 from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
-from trueup.loop.windows import floating
+from trueup.loop.windows import carried
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 
@@ -48,7 +48,7 @@ def alike(problem: Problem, space: ParameterSpace, start: Array, robust: float =
 def all_alike(run: Run) -> None:
     """The first search of what stands on a floor by itself: kind by kind."""
     descent, look = run.descent, run.first
-    if run.begun or run.looks or run.resumed or run.saved is not None or not floating(run.problem):
+    if run.begun or run.looks or run.resumed or run.saved is not None or not carried(run.problem):
         return
     point = alike(look, descent.space, run.start, descent.robust)
     residual = look.residuals(descent.space.from_unit(point[None]))[0]

@@ -10,7 +10,7 @@ from trueup.loop.alike import alike
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST
-from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, floating, in_windows, smooth_length, window_length
+from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, carried, in_windows, smooth_length, window_length
 from trueup.parameters import ParameterSpace
 
 _PARTS = 4  # of each window, for the next shorter ones: half as long they lead to nearly the same place
@@ -28,7 +28,7 @@ def cut_for_search(
         return begun, values, wanted, _words(begun, "", "")
     lasting, smooth = window_length(problem, values), smooth_length(problem, values, space, seed)
     reason = _reason(problem)
-    if np.isinf(min(lasting, smooth)) and floating(problem) and space.free.any():
+    if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
     begun = in_windows(problem, min(lasting, smooth))
@@ -64,7 +64,7 @@ def _reason(problem: Problem) -> str:
     reason = f": in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"
     if by_torque(problem):
         reason += f", or they take {SKILLED:.2g} of the time in which replays from the start values beat standing still"
-    if floating(problem):
+    if carried(problem):
         reason += f", or they take {SKILLED:.2g} of the time after which replays bend too much with what is searched"
     return reason
 

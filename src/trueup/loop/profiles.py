@@ -19,7 +19,7 @@ from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss
-from trueup.loop.windows import floating
+from trueup.loop.windows import carried
 
 _REACH, _LEAST = 0.25, 0.05
 """Of a limit's range: how far along its profile is looked first, and how near it is left."""
@@ -37,7 +37,7 @@ def profiles(run: Run) -> None:
     """
     if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
         return
-    if run.problem.windowed or floating(run.problem):
+    if run.problem.windowed or carried(run.problem):
         return
     free = [p for p in run.descent.space.parameters if not p.frozen]
     for k, p in enumerate(free if len(free) > 1 else ()):

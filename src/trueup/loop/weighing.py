@@ -21,7 +21,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.shooting import multiple_shooting
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import PRIOR
-from trueup.loop.windows import OFF, floating
+from trueup.loop.windows import OFF, carried
 from trueup.parameters import ParameterSpace
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses, robust_weights
@@ -95,7 +95,7 @@ def design(count: int, rng: np.random.Generator) -> Array:
 
 
 def weighing(run: Run) -> None:
-    """Goes on from multiple shooting where a free base is replayed in windows: starts and all else in turns.
+    """Goes on from multiple shooting where what contacts carry is replayed in windows: starts and all else in turns.
 
     Designs differ from round to round, and so do the steps by them: what is kept is the mean of the last places (B. T.
     Polyak and A. B. Juditsky, SIAM J. Control and Optimization 30(4), 1992), and how these differ is part of what is unsure.
@@ -103,7 +103,7 @@ def weighing(run: Run) -> None:
     was begun by such slopes takes two steps.
     """
     fit = run.weighed or run.found
-    if fit.starts is None or not run.problem.windowed or not floating(run.problem) or not len(fit.unit):
+    if fit.starts is None or not run.problem.windowed or not carried(run.problem) or not len(fit.unit):
         return
     space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)
     problem, starts, places = run.problem, fit.starts, [fit.unit]

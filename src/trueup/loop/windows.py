@@ -68,15 +68,15 @@ def window_length(problem: Problem, values: Array) -> float:
 
 
 def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: int) -> float:
-    """How long trials of a free base may be in s for slopes along the free parameters of `space` to lead at values (n,): a
-    third of the time from which on replays bend too far. Inf where they never do.
+    """How long trials of what contacts carry may be in s for slopes along the free parameters of `space` to lead at values
+    (n,): a third of the time from which on replays bend too far. Inf where they never do.
 
     Where feet touch and let go, replays bend more and more the longer they are, and a search along slopes ends wherever it is
     (A. H. Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020). How much is the
     relative curvature of D. M. Bates and D. G. Watts (J. R. Statist. Soc. B 42(1), 1980), along directions drawn at random.
     """
     pairs, parts = 4, 4  # as in `window_length`, the parts of long recordings show enough
-    if not floating(problem) or any(t.command is None for t in problem.trials):
+    if not carried(problem) or any(t.command is None for t in problem.trials):
         return np.inf
     middle = np.clip(space.to_unit(values), OFF, 1.0 - OFF)
     off = OFF * np.random.default_rng(seed).choice([-1.0, 1.0], (pairs, len(middle)))
@@ -108,7 +108,7 @@ def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[
     return time - problem.trials[trial].start, bent
 
 
-def floating(problem: Problem) -> bool:
+def carried(problem: Problem) -> bool:
     """Whether contacts carry the robot in all that is replayed: its base is free and was tracked, or it hangs on joints that
     nothing drives.
     """

@@ -157,9 +157,7 @@ class FollowPath:
         if len(time) < 3:
             return np.zeros(0), np.zeros(0)
         turn = np.gradient(np.unwrap(heading[:, 0]), time)
-        law = self.controllers(
-            np.atleast_2d(settings)
-        )  # that of this task: who follows paths by another one overrides it
+        law = self.controllers(np.atleast_2d(settings))  # who follows paths by another one overrides it
         pose, velocity = np.hstack([position, heading]), np.column_stack([speed[:, 0], turn])
         seen = [
             Observation(t, p[None], v[None], {}, rollout.trial) for t, p, v in zip(time, pose, velocity, strict=True)

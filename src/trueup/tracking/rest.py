@@ -39,8 +39,6 @@ def _goes(since: Array, signals: Array, degree: int) -> bool:
     inverse = np.linalg.pinv(powers)
     found = inverse @ signals
     spread = np.sqrt(np.sum((signals - powers @ found) ** 2, axis=0) / (len(since) - degree - 1))
-    unsure, end = (
-        MOVING * spread * float(np.linalg.norm(inverse[1])),
-        found[1] + 2.0 * since[-1] * found[2:].sum(axis=0),
-    )
+    unsure = MOVING * spread * float(np.linalg.norm(inverse[1]))
+    end = found[1] + 2.0 * since[-1] * found[2:].sum(axis=0)
     return bool(np.any(found[1] * np.sign(end) > np.maximum(unsure, _SLOWER * np.abs(end)) + ROUNDED))

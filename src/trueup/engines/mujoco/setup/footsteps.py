@@ -19,6 +19,7 @@ from trueup.articulated.pose import (
     angles_of,
     in_angles,
     quaternion_of,
+    up_of,
 )
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
@@ -177,9 +178,7 @@ def _as_turns(channel: Channel) -> list[Channel]:
 def _up(channel: Channel) -> float:
     """Cosine of the angle between what points up of the base and of the world, in the median."""
     values = channel.values[np.isfinite(channel.values).all(axis=1)]
-    if channel.labels == ANGLES:
-        return float(np.median(np.cos(values[:, 0]) * np.cos(values[:, 1])))
-    return float(np.median(1.0 - 2.0 * (values[:, 1] ** 2 + values[:, 2] ** 2)))
+    return float(np.median(up_of(quaternion_of(values) if channel.labels == ANGLES else values)[:, 2]))
 
 
 def _integrated(time: Array, rates: Array, pulls: Array) -> Array:
