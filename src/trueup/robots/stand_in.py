@@ -74,7 +74,7 @@ class StandInArm:
         m = self._model
         if m.nu != len(drives) or m.nv != m.nu or m.nq != m.nu:
             raise ModelError(f"'{path}' has {m.nu} actuators and {m.nv} degrees of freedom for {len(drives)} drives")
-        self.joints = tuple(mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(m.njnt))
+        self.joints = tuple(m.joint(i).name for i in range(m.njnt))
         self._drives = drives
         self._grid, self._noise = grid, noise
         self._seed = seed

@@ -39,7 +39,7 @@ def hull(model: mujoco.MjModel, mesh: int) -> tuple[Array, Integers]:
     """
     first = int(model.mesh_graphadr[mesh])
     if first < 0:
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_MESH, mesh) or str(mesh)
+        name = model.mesh(mesh).name or str(mesh)
         raise ModelError(f"mesh '{name}' has no convex hull, so nothing can touch it in DART")
     # Counts, where each corner's edges begin, the corners' numbers in the mesh, edges, and triangles of mesh numbers.
     corners, faces = (int(n) for n in model.mesh_graph[first : first + 2])

@@ -78,11 +78,11 @@ def _placed(position: Array, quaternion: Array, offset: float = 0.0) -> Any:
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, i) or f"body{i}"
+    return model.body(i).name or f"body{i}"
 
 
 def _geom(model: mujoco.MjModel, i: int) -> str:
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, i) or f"geom{i}"
+    return model.geom(i).name or f"geom{i}"
 
 
 def _ground(model: mujoco.MjModel, hulls: Mapping[int, Any]) -> Any:
@@ -115,10 +115,7 @@ def _add_body(model: mujoco.MjModel, robot: Any, i: int, parent: Any) -> Any:
         weld = dynamics.WeldJointProperties()
         weld.mName, weld.mT_ParentBodyToJoint = f"{name}/weld", there
         return robot.createWeldJointAndBodyNodePair(parent, weld, node)[1]
-    joint, kind = (
-        mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, first) or f"joint{first}",
-        int(model.jnt_type[first]),
-    )
+    joint, kind = model.joint(first).name or f"joint{first}", int(model.jnt_type[first])
     if count > 1:
         raise ModelError(f"body '{name}' has {count} joints; in DART it can have one: split it into several bodies")
     if kind == mujoco.mjtJoint.mjJNT_FREE:

@@ -40,7 +40,7 @@ class Acts:
         self._batch, self._compiled, self._trials = batch, compiled, trials
         self._model, self._sources = model, dict[tuple[str, tuple[str, ...]], Source]()
         self._candidates, self._step = len(signals.delay), step
-        bodies = [mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, i) or "" for i in range(compiled.nbody)]
+        bodies = [compiled.body(i).name for i in range(compiled.nbody)]
         self._forces = [Forces(t, self._candidates, step, bodies) for t in trials]
         self._bodies = {name: bodies.index(name) for forces in self._forces for name in forces.bodies}
         self._edges = np.unique(np.concatenate([f.edges for f in self._forces]))
@@ -135,5 +135,5 @@ class Acts:
 
 def sensor_places(compiled: mujoco.MjModel) -> dict[str, slice]:
     """Sensor name, or its number where it has none, to its columns."""
-    names = [mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_SENSOR, i) or str(i) for i in range(compiled.nsensor)]
+    names = [compiled.sensor(i).name or str(i) for i in range(compiled.nsensor)]
     return {n: slice(a, a + d) for n, a, d in zip(names, compiled.sensor_adr, compiled.sensor_dim, strict=True)}

@@ -57,7 +57,7 @@ class MujocoAttributes:
         i = int(mujoco.mj_name2id(self.model, kind, name + gears.SECOND_OF.get(what, "")))
         if i < 0 and what not in gears.SECOND_OF:
             count = {"joint": self.model.njnt, "actuator": self.model.nactuator, "body": self.model.nbody}
-            names = [mujoco.mj_id2name(self.model, kind, k) for k in range(count.get(family, self.model.ngeom))]
+            names = [getattr(self.model, family)(k).name for k in range(count.get(family, self.model.ngeom))]
             raise unknown_name(family, name, [n for n in names if n])
         return i
 
@@ -143,14 +143,14 @@ def _read_zero(a: MujocoAttributes, i: int) -> Array:
 
 def _write_gain(a: MujocoAttributes, i: int, values: Array) -> None:
     """Scales the whole force: gain and bias alike (a wrong torque constant, a sagging supply)."""
-    name = str(mujoco.mj_id2name(a.model, OBJECTS["actuator"], i))
+    name = a.model.actuator(i).name
     a.fields.expand("actuator_gainprm")[:, i] *= values[:, None]
     a.fields.expand("actuator_biasprm")[:, i] *= values[:, None]
     a.relative[name] = a.relative.get(name, 1.0) * values
 
 
 def _read_gain(a: MujocoAttributes, i: int) -> Array:
-    return np.array(a.relative.get(str(mujoco.mj_id2name(a.model, OBJECTS["actuator"], i)), np.ones(1)))
+    return np.array(a.relative.get(a.model.actuator(i).name, np.ones(1)))
 
 
 def _write_limit(a: MujocoAttributes, i: int, values: Array) -> None:

@@ -211,6 +211,4 @@ def _is_base(compiled: mujoco.MjModel, a: int, b: int) -> bool:
 def _part(compiled: mujoco.MjModel, geom: int) -> str:
     """The name of a geom's body; of what is fixed to the world the geom's own, where it has one."""
     body = int(compiled.geom_bodyid[geom])
-    own = mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_GEOM, geom)
-    name = mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, body)
-    return own or "surroundings" if body == 0 else name or f"body {body}"
+    return compiled.geom(geom).name or "surroundings" if body == 0 else compiled.body(body).name or f"body {body}"

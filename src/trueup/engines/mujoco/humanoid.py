@@ -22,7 +22,7 @@ def posture(model: Model, name: str) -> Posture:
     compiled, joint = model.compiled, free_joint(model.compiled)
     if joint < 0:
         raise ModelError(f"the base of model '{model.path.name}' is held: a transition needs one with a free joint")
-    keys = [mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_KEY, i) or "" for i in range(compiled.nkey)]
+    keys = [compiled.key(i).name for i in range(compiled.nkey)]
     if name not in keys:
         raise unknown_name("keyframe", name, [k for k in keys if k], f"'{model.path.name}'")
     qpos, start = compiled.key_qpos[keys.index(name)], int(compiled.jnt_qposadr[joint])
@@ -99,6 +99,5 @@ def overlap(model: Model, posture: Posture) -> str:
 
 
 def _part(compiled: mujoco.MjModel, geom: int) -> str:
-    own = mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_GEOM, geom)
-    body = mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, int(compiled.geom_bodyid[geom]))
+    own, body = compiled.geom(geom).name, compiled.body(compiled.geom_bodyid[geom]).name
     return f"'{own}'" if own else f"a part of '{body}'"

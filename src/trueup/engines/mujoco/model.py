@@ -74,7 +74,7 @@ class Model:
     def _named(self) -> dict[str, tuple[str, ...]]:
         m = self.compiled
         count = {"joint": m.njnt, "actuator": m.nactuator, "body": m.nbody, "geom": m.ngeom, "sensor": m.nsensor}
-        return {k: tuple(mujoco.mj_id2name(m, _OBJECTS[k], i) or "" for i in range(n)) for k, n in count.items()}
+        return {k: tuple(getattr(m, k)(i).name for i in range(n)) for k, n in count.items()}
 
     def index(self, kind: str, name: str) -> int:
         """The id of a named element. Raises UnknownNameError, which lists the names of that kind."""
@@ -148,7 +148,7 @@ class Model:
     def settings(self) -> dict[str, float]:
         """For which settings of its servos the file holds, where it says so; by quantity ('kp')."""
         m = self.compiled
-        names = [mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_NUMERIC, i) or "" for i in range(m.nnumeric)]
+        names = [m.numeric(i).name for i in range(m.nnumeric)]
         data = m.numeric_data[m.numeric_adr]
         own = zip(names, data.tolist(), strict=True)
         return {n.removeprefix(SETTING): float(v) for n, v in own if n.startswith(SETTING)}
@@ -185,7 +185,7 @@ def _check_placed(file: Path, compiled: mujoco.MjModel) -> None:
     """Raises ModelError for a body or a joint that is nowhere: MuJoCo compiles that."""
     for kind, places in (("body", compiled.body_pos), ("joint", compiled.jnt_pos)):
         for i in np.flatnonzero(~np.isfinite(places).all(axis=1)):
-            name = mujoco.mj_id2name(compiled, _OBJECTS[kind], int(i)) or f"number {i}"
+            name = getattr(compiled, kind)(i).name or f"number {i}"
             raise ModelError(
                 f"model '{file}': {kind} '{name}' is at ({' '.join(f'{v:g}' for v in places[i])}) m; give numbers"
             )

@@ -38,9 +38,9 @@ def with_capsules(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> list[str]:
         mass = float(compiled.body_mass[members].sum()) if root else 0.0
         ends = _ends(data, compiled, holder, children, members, root)
         for end in ends:
-            _add_capsule(spec, mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, holder), end, mass / len(ends))
+            _add_capsule(spec, compiled.body(holder).name, end, mass / len(ends))
         if ends:
-            estimated.append(mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, holder))
+            estimated.append(compiled.body(holder).name)
     if not estimated:
         return []
     return [

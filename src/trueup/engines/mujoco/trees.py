@@ -39,7 +39,7 @@ class Trees:
         """None where there is one tree, or what joins them: constraints between bodies, tendons."""
         if compiled.ntree < 2 or compiled.neq or compiled.ntendon or compiled.nflex:
             return None
-        names = [mujoco.mj_id2name(compiled, OBJECTS["joint"], j) or "" for j in range(compiled.njnt)]
+        names = [compiled.joint(j).name for j in range(compiled.njnt)]
         trees = compiled.body_treeid[compiled.jnt_bodyid]
         owners = np.full(parameters, _SHARED)
         for i, assignment in enumerate(quantities):

@@ -95,7 +95,7 @@ class Driven:
 
     def command(self, joint: int) -> Command:
         """What a joint's drive is told."""
-        return Command(*self._signals.held(self._trial, self._name("ACTUATOR", self._actuator(joint))))
+        return Command(*self._signals.held(self._trial, self._name("actuator", self._actuator(joint))))
 
     def _actuator(self, joint: int) -> int:
         driven = np.flatnonzero(self._compiled.actuator_trnid[:, 0] == joint)
@@ -144,16 +144,16 @@ class Driven:
     def _signal(self, joint: int) -> dict[str, Array]:
         """What becomes of the command before it reaches the actuator of a joint."""
         i = self._actuator(joint)
-        shaped = self._signals.shaping(self._trial, self._name("ACTUATOR", i))
+        shaped = self._signals.shaping(self._trial, self._name("actuator", i))
         if i < 0:
             return {"dead_band": np.zeros(len(self._loads)), "kick": np.zeros(len(self._loads)), **shaped}
-        band, punch = (self._living(kind, self._name("ACTUATOR", i), 0.0) for kind in ("dead_band", "punch"))
+        band, punch = (self._living(kind, self._name("actuator", i), 0.0) for kind in ("dead_band", "punch"))
         stiffness = np.maximum(self._fields.expand("actuator_gainprm")[:, i, 0], 1e-300)
         return {"dead_band": band, "kick": np.where(punch > 0.0, punch / stiffness, 0.0), **shaped}
 
     def _living(self, kind: str, target: int | str, otherwise: float) -> Array:
         """(b,) value of a kind that acts in every step, at one target."""
-        name = self._name("JOINT", target) if isinstance(target, int) else target
+        name = self._name("joint", target) if isinstance(target, int) else target
         found = np.full(len(self._loads), otherwise)
         for other, targets, value in self._live:
             if other == kind and name in targets:
@@ -161,9 +161,7 @@ class Driven:
         return found
 
     def _name(self, what: str, number: int) -> str:
-        return (
-            number >= 0 and mujoco.mj_id2name(self._compiled, getattr(mujoco.mjtObj, f"mjOBJ_{what}"), number)
-        ) or ""
+        return str(getattr(self._compiled, what)(number).name) if number >= 0 else ""
 
 
 def _limit(bound: Array, limited: bool, otherwise: float) -> Array:

@@ -52,7 +52,7 @@ class Edits:
         """A second actuator that takes the same command: a spring so steep that it is at its limit, `force`, within ONSET."""
         m, i, main = self._wanted, self._id("actuator", actuator), self._element("actuator", actuator)
         steep, zero = force / ONSET, m.actuator_biasprm[i, 0] / m.actuator_gainprm[i, 0]
-        joint = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_JOINT, int(m.actuator_trnid[i, 0]))
+        joint = m.joint(int(m.actuator_trnid[i, 0])).name
         inside = (
             f'name="{actuator}{ONSET_OF}" joint="{joint}" gear="{number(m.actuator_gear[i, 0])}" dyntype="none" '
             f'gaintype="fixed" biastype="affine" gainprm="{number(steep)} 0 0" '
@@ -207,7 +207,7 @@ class Edits:
     def floor(self, _: str) -> None:
         """The plane that the robot stands on: moved where the file has it, added where it has none."""
         m, g = self._wanted, plane_of(self._wanted)
-        name = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_GEOM, g) or ""
+        name = m.geom(g).name
         lies = {"pos": numbers(m.geom_pos[g]), "quat": numbers(m.geom_quat[g]), "friction": numbers(m.geom_friction[g])}
         if plane_of(self._shipped) < 0:
             new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
