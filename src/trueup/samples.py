@@ -18,6 +18,14 @@ def rms(values: Array, axis: int | tuple[int, ...] | None = 0) -> Array:
     return np.sqrt(np.mean(values**2, axis=axis))
 
 
+def correlation(one: Array, other: Array) -> float:
+    """Of two series (T,), over the samples that both have; 0 where one of them does not change."""
+    good = np.isfinite(one) & np.isfinite(other)
+    one, other = one[good], other[good]
+    changes = good.any() and min(np.ptp(one), np.ptp(other)) > 0.0
+    return float(np.corrcoef(one, other)[0, 1]) if changes else 0.0
+
+
 def in_force(values: Array) -> Array:
     """(T, k) a command's values, each that is missing as the last one sent before it, at the beginning as the first one.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.actuators.bench import Run
+from trueup.samples import correlation
 
 _FIRMWARE = 0.99  # least correlation with the error by which a channel is the firmware's own output
 
@@ -37,7 +38,7 @@ def output_of(runs: Sequence[Run]) -> Output | None:
     error, value = np.concatenate(parts).T
     top = float(np.max(np.abs(value), initial=0.0))
     low = np.abs(value) < 0.8 * top
-    if top == 0.0 or low.sum() < 100 or np.corrcoef(error[low], value[low])[0, 1] < _FIRMWARE:
+    if top == 0.0 or low.sum() < 100 or correlation(error[low], value[low]) < _FIRMWARE:
         return None
     slope = float(error[low] @ value[low] / (error[low] @ error[low]))
     full, reached = top / slope, float(np.max(np.abs(error)))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.inspection.requested import side_by_side
 from trueup.inspection.suspicions import in_another_unit
 from trueup.recording import Channel, Recording
+from trueup.samples import correlation
 from trueup.trial import Trial
 from trueup.units import to_si
 
@@ -111,8 +111,3 @@ def missized(asked: Channel, recording: Recording) -> Unlike | None:
     time = np.arange(len(request), dtype=np.float64)
     said = in_another_unit(told.replace(time=time, values=request), moved.replace(time=time, values=followed))
     return Unlike("unit", said) if said else None
-
-
-def correlation(a: Array, b: Array) -> float:
-    """Of two series (T,); 0 where one of them is constant."""
-    return float(np.corrcoef(a, b)[0, 1]) if a.std() > 0 and b.std() > 0 else 0.0

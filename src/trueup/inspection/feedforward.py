@@ -16,6 +16,7 @@ from trueup.inspection.relations import rate
 from trueup.inspection.settings import ALL, setting
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
+from trueup.samples import correlation
 
 _UNITS = {"torque": "N m", "velocity": "rad/s"}
 _ALIKE = 0.5
@@ -89,7 +90,7 @@ def _is_added(kind: str, channel: Channel, command: Channel) -> bool:
         when, wanted = rate(command.column(label), command.time)
         pairs.append((np.interp(when, channel.time, channel.column(label)), wanted))
     told, wanted = (np.concatenate(side) for side in zip(*pairs, strict=True)) if pairs else (np.zeros(2), np.zeros(2))
-    return bool(np.ptp(told) > 0.0 < np.ptp(wanted) and np.corrcoef(told, wanted)[0, 1] > _ALIKE)
+    return correlation(told, wanted) > _ALIKE
 
 
 def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Channel]) -> bool:

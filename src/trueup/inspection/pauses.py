@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -24,21 +24,34 @@ def parted_at_pauses(recordings: Sequence[Recording]) -> tuple[list[Recording], 
     Those without pauses are the same objects. What has fewer than `_FEWEST` samples is left out; a recording that would
     have no part left stays whole.
     """
-    result, notes = [], []
-    for recording in recordings:
-        gaps = pauses(recording)
-        parts = parts_between(recording, gaps) if gaps else []
-        if not parts:
-            result.append(recording)
-            continue
-        result += parts
-        spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in gaps[:3])
+
+    def said(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
         count = "a pause" if len(gaps) == 1 else f"{len(gaps)} pauses"
-        notes.append(
-            f"'{recording.name}' has {count} without command and position ({spans}{' ...' * (len(gaps) > 3)}): what was "
-            f"commanded then is unknown; it is replayed as {', '.join(repr(p.name) for p in parts)}, each from where the "
-            "robot was measured to be"
+        return (
+            f"'{recording.name}' has {count} without command and position ({spans}): what was commanded then is unknown; it "
+            f"is replayed as {parts}, each from where the robot was measured to be"
         )
+
+    return parted(recordings, pauses, said)
+
+
+def parted(
+    recordings: Sequence[Recording],
+    gaps_of: Callable[[Recording], Sequence[Gap]],
+    said: Callable[[Recording, Sequence[Gap], str, str], str],
+) -> tuple[list[Recording], list[str]]:
+    """Recordings in parts between their gaps, or as they are, and a note on each that was parted: what is `said` of it, its
+    gaps, these as words, and the names of its parts.
+    """
+    result, notes = list[Recording](), list[str]()
+    for recording in recordings:
+        gaps = gaps_of(recording)
+        parts = parts_between(recording, gaps) if gaps else []
+        result += parts or [recording]
+        if parts:
+            spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in gaps[:3])
+            spans += " ..." * (len(gaps) > 3)
+            notes.append(said(recording, gaps, spans, ", ".join(repr(p.name) for p in parts)))
     return result, notes
 
 

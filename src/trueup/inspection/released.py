@@ -14,7 +14,7 @@ import numpy as np
 
 from trueup.arrays import Array, Mask
 from trueup.inspection.inspection import Gap
-from trueup.inspection.pauses import parts_between
+from trueup.inspection.pauses import parted
 from trueup.recording import Recording
 from trueup.samples import stretches_of
 from trueup.trial import command_of, shared_joints
@@ -50,23 +50,21 @@ class _Apart:
 
 def without_released(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings in parts between stretches in which the drives had let go, and notes; the others are the same objects."""
-    result, notes = [], []
-    usual = _usual([a for r in recordings if (a := _apart(r)) is not None])
-    for recording in recordings:
-        apart = _apart(recording)
-        found = _released(apart, np.array([usual[j] for j in apart.joints])) if apart is not None else []
-        parts = parts_between(recording, found) if found else []
-        if apart is None or not parts:
-            result.append(recording)
-            continue
-        result += parts
-        spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in found[:3])
-        notes.append(
-            f"in '{recording.name}' no joint follows its command ({spans}{' ...' * (len(found) > 3)}; "
-            f"{_furthest(apart, found, usual)}): the drives had let go, as after an emergency stop. That is left out, and "
-            f"it is replayed as {', '.join(repr(p.name) for p in parts)}, each from where the robot was measured to be"
+    apart = {r: a for r in recordings if (a := _apart(r)) is not None}
+    usual = _usual(list(apart.values()))
+
+    def released(recording: Recording) -> list[Gap]:
+        own = apart.get(recording)
+        return [] if own is None else _released(own, np.array([usual[j] for j in own.joints]))
+
+    def said(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
+        return (
+            f"in '{recording.name}' no joint follows its command ({spans}; {_furthest(apart[recording], gaps, usual)}): "
+            "the drives had let go, as after an emergency stop. That is left out, and it is replayed as "
+            f"{parts}, each from where the robot was measured to be"
         )
-    return result, notes
+
+    return parted(recordings, released, said)
 
 
 def _apart(recording: Recording) -> _Apart | None:

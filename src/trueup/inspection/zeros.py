@@ -13,6 +13,7 @@ from trueup.evidence import STANDARD_ERRORS
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.relations import CORRELATED
 from trueup.recording import Recording
+from trueup.samples import correlation
 from trueup.trial import command_of
 
 _HELD = 0.5  # s that a command stays as it is, of which the second half is looked at: servos settle faster
@@ -49,10 +50,10 @@ def _all_along(recording: Recording, joint: str) -> float:
     position, told = pair
     good = np.isfinite(position) & np.isfinite(told)
     position, told = position[good], told[good]
-    if len(told) < 3 or np.ptp(told) == 0.0 or np.ptp(position) == 0.0:
+    if len(told) < 3:
         return 0.0
     apart = float(np.median(position - told))
-    follows = float(np.corrcoef(position, told)[0, 1]) > CORRELATED  # or something holds it
+    follows = correlation(position, told) > CORRELATED  # or something holds it
     return apart if follows and abs(apart) > _ALL_ALONG * float(np.std(position - told)) else 0.0
 
 

@@ -12,6 +12,7 @@ from trueup.inspection.alignment import on_other_clocks
 from trueup.inspection.repeats import BASE, grouped, lost, together
 from trueup.inspection.twice import seen_twice
 from trueup.recording import Channel, Recording, warnings_of
+from trueup.samples import correlation
 from trueup.trial import command_of
 from trueup.units import hardly_radians
 
@@ -102,11 +103,10 @@ def _far(recording: str, command: Channel, position: Channel) -> list[str]:
     held = command.select(labels).at(position.time, hold=True) if labels else np.zeros((0, 0))
     for j, label in enumerate(labels):
         moved, asked = position.column(label), held[:, j]
-        spread, wanted = float(np.nanstd(moved)), float(np.nanstd(asked))
+        spread, wanted = float(np.nanstd(moved)), float(np.nanstd(asked[np.isfinite(moved)]))
         if min(spread, wanted) < 1e-3:
             continue
-        good = np.isfinite(moved) & np.isfinite(asked)
-        if np.corrcoef(moved[good], asked[good])[0, 1] < 0.3:
+        if correlation(moved, asked) < 0.3:
             best = _better_partner(command, position, label)
             if best:
                 found.append(
@@ -123,9 +123,8 @@ def _better_partner(command: Channel, position: Channel, label: str) -> str:
     held = command.at(position.time, hold=True)
     scores = {}
     for j, other in enumerate(command.labels):
-        good = np.isfinite(moved) & np.isfinite(held[:, j])
-        if other != label and float(np.std(held[good, j])) > 1e-3:
-            scores[other] = float(np.corrcoef(moved[good], held[good, j])[0, 1])
+        if other != label and float(np.nanstd(held[np.isfinite(moved), j])) > 1e-3:
+            scores[other] = correlation(moved, held[:, j])
     best = max(scores, key=lambda k: scores[k], default="")
     return best if best and scores[best] > 0.8 else ""
 

@@ -15,6 +15,7 @@ from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import spread
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
+from trueup.samples import correlation
 from trueup.tracking.commands import COMMAND
 from trueup.tracking.past import MOVES, Past
 from trueup.tracking.pursuit import Scan, pursuit
@@ -59,10 +60,10 @@ class Look:
 
     def curve(self) -> tuple[float, float] | None:
         """Offset and slope of curvature over steering; None where they do not tell the slope from none."""
-        if len(self.steering) <= STANDARD_ERRORS**2 or not np.ptp(self.steering) > 0.0:
+        if len(self.steering) <= STANDARD_ERRORS**2:
             return None
         offset, slope = _least_squares(np.stack([np.ones(len(self.steering)), self.steering], axis=1), self.curvature)
-        alike = np.corrcoef(self.steering, self.curvature)[0, 1]
+        alike = correlation(self.steering, self.curvature)
         return (float(offset), float(slope)) if abs(alike) > STANDARD_ERRORS / np.sqrt(len(self.steering)) else None
 
     def straight_on(self) -> float:

@@ -84,6 +84,11 @@ class Column:
         return kept if self.values.ndim > 1 else kept[:, 0]
 
     @property
+    def whole(self) -> bool:
+        """Whether it has numbers, and none but whole ones."""
+        return bool(self.known.size) and bool(np.all(self.known == np.round(self.known)))
+
+    @property
     def largest(self) -> float:
         """Of its numbers without their sign."""
         return float(np.nanmax(np.abs(np.where(np.isfinite(self.values), self.values, np.nan)), initial=0.0))

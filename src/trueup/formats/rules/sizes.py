@@ -78,7 +78,7 @@ class Sizes:
             self._take(name, "rev", "an ODrive estimates turns")
         elif not hardly_radians(largest) and not ticks:
             self._take(name, "rad", f"largest value {largest:.3g}")
-        elif ticks or all(_whole(column) for column in self.groups[name]):
+        elif ticks or all(column.whole for column in self.groups[name]):
             self.notes.append(
                 f"{name}: unit unknown; whole numbers that reach {largest:.4g}: counts of an encoder or degrees are "
                 'suspected; for counts give unit = "rad" and scale = 6.2832 / counts of a turn'
@@ -171,7 +171,7 @@ class Sizes:
 
 def _are_counts(measured: Sequence[Column]) -> bool:
     """Whether positions are whole numbers within one turn of counts, and beyond two turns of degrees."""
-    if not all(_whole(column) for column in measured):
+    if not all(column.whole for column in measured):
         return False
     lowest = min(float(column.known.min()) for column in measured)
     return lowest >= 0.0 and 2.0 * math.degrees(math.tau) < max(column.largest for column in measured) < _TURN
@@ -183,14 +183,10 @@ def _of_odrive(column: Column) -> bool:
     return {"pos", "estimate"} <= plain and bool({"axis", "odrive"} & plain)
 
 
-def _whole(column: Column) -> bool:
-    return bool(column.known.size) and bool(np.all(column.known == np.round(column.known)))
-
-
 def _counted(column: Column) -> bool:
     """Whether a signal only has whole numbers, of more than a few kinds."""
     several = 10  # a signal with fewer distinct values is a switch, or an example
-    return _whole(column) and len(np.unique(column.known)) > several
+    return column.whole and len(np.unique(column.known)) > several
 
 
 def speed_of(column: Column, time: TimeColumn) -> tuple[Array, Array]:

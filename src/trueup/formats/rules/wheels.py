@@ -243,7 +243,7 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
         kind, commanded = "travel", False
         if COMMANDED & words or unit not in ("rad", "m", ""):
             return None
-        if not unit and not {"ticks", "tick", "counts", "count"} & words and not all(_whole(c) for c in columns):
+        if not unit and not {"ticks", "tick", "counts", "count"} & words and not all(c.whole for c in columns):
             unit = "m" if {"distance", "dist", "odometer"} & words else "rad"
     elif unit in ("m/s", "rad/s") or ((_SPEEDS & everything or not words) and not unit):
         kind = "speed"
@@ -254,10 +254,6 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
     else:
         return None
     return Pair(columns, kind, unit, scale, commanded and not measured, measured, wheels)
-
-
-def _whole(column: Column) -> bool:
-    return bool(np.all(column.known == np.round(column.known)))
 
 
 def _units_alike(found: list[Pair]) -> list[Pair]:

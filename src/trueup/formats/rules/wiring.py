@@ -19,6 +19,7 @@ from trueup.inspection.alignment import averaged
 from trueup.inspection.relations import rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
+from trueup.samples import correlation
 from trueup.tracking.wheels import SIDES
 from trueup.units import PULSE_FULL, PULSE_MIDDLE
 
@@ -155,12 +156,7 @@ def _together(pair: Pair, values: Array, motion: Channel, time: TimeColumn) -> f
     if np.count_nonzero(good) < 20:
         return 0.0
     told = averaged(instants[good], values[good])
-    return _correlation(told.values[:, 0], np.interp(told.time, motion.time, motion.values[:, 0]))
-
-
-def _correlation(one: Array, other: Array) -> float:
-    both = np.std(one) * np.std(other)
-    return float(np.mean((one - one.mean()) * (other - other.mean())) / both) if both > 0.0 else 0.0
+    return correlation(told.values[:, 0], np.interp(told.time, motion.time, motion.values[:, 0]))
 
 
 def turned_round(seen: Pair, command: Pair, sign: tuple[float, float], time: TimeColumn) -> tuple[float, float]:
@@ -176,7 +172,7 @@ def turned_round(seen: Pair, command: Pair, sign: tuple[float, float], time: Tim
         if seen.kind == "travel":
             when, values = rate(values, when)
         shown, held = averaged(when, values), averaged(asked[known], way * told.values[known])
-        likeness = _correlation(shown.values[:, 0], np.interp(shown.time, held.time, held.values[:, 0]))
+        likeness = correlation(shown.values[:, 0], np.interp(shown.time, held.time, held.values[:, 0]))
         signs.append(-1.0 if likeness < -_CLEARLY else 1.0)
     return signs[0], signs[1]
 

@@ -7,10 +7,9 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import HALVED
-from trueup.inspection.asked import correlation
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
-from trueup.samples import between, thinned, way_along, wrapped
+from trueup.samples import between, correlation, thinned, way_along, wrapped
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 from trueup.units import FULL_LOCK

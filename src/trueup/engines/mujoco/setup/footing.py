@@ -17,7 +17,7 @@ from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.inspection.inspection import Gap
-from trueup.inspection.pauses import parts_between
+from trueup.inspection.pauses import parted
 from trueup.recording import Recording
 from trueup.trial import LOOK
 from trueup.units import GRAVITY
@@ -85,20 +85,19 @@ def on_the_floor(model: Model, recordings: Sequence[Recording]) -> tuple[list[Re
 
 def without_lifts(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings without stretches in which the robot is off the floor and does not fly, in parts, and notes."""
-    reach, result, notes = _reach(model, recordings), [], []
-    for recording in recordings:
+    reach = _reach(model, recordings)
+
+    def lifts(recording: Recording) -> list[Gap]:
         poses = _poses(reach, recording) if reach is not None else None
-        lifts = _lifts(poses) if poses is not None else []
-        parts = parts_between(recording, lifts) if lifts else []
-        result += parts or [recording]
-        if parts:
-            spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in lifts[:3])
-            notes.append(
-                f"in '{recording.name}' the whole robot is off the model's floor and does not fall ({spans}"
-                f"{' ...' * (len(lifts) > 3)}): held in the air, or on something that the model lacks. What is left is "
-                f"replayed as {', '.join(repr(p.name) for p in parts)}"
-            )
-    return result, notes
+        return _lifts(poses) if poses is not None else []
+
+    def said(recording: Recording, _: Sequence[Gap], spans: str, parts: str) -> str:
+        return (
+            f"in '{recording.name}' the whole robot is off the model's floor and does not fall ({spans}): held in the air, "
+            f"or on something that the model lacks. What is left is replayed as {parts}"
+        )
+
+    return parted(recordings, lifts, said)
 
 
 def _lifts(poses: _Poses) -> list[Gap]:
