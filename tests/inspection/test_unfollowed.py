@@ -31,6 +31,16 @@ def test_steps_and_motions_of_a_tool_are_no_commands_of_joints() -> None:
     assert len(unfollowed([logged(np.clip(8.0 * of_a_tool, -1.0, 1.0))])) == 1
 
 
+def test_legs_that_give_way_under_a_command_that_never_changes_say_nothing_of_it() -> None:
+    assert unfollowed([logged(np.tile([0.0413466, 0.0765372, -2.28759], (len(TIME), 1)))]) == ()
+
+
+def test_recordings_shorter_than_a_servo_may_be_late_are_looked_at() -> None:
+    steps = 0.05 * PACE * np.cos(PACE * TIME[:, None] + PHASE)
+    short = logged(steps).slice(3.0, 3.3)
+    assert unfollowed([short, logged(steps)])
+
+
 def test_servos_that_are_late_weak_or_partly_held_follow() -> None:
     earlier = np.sin(PACE * (TIME[:, None] + 0.2) + PHASE)
     assert unfollowed([logged(earlier)]) == ()

@@ -15,16 +15,15 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
+from trueup.inspection.zeros import FAR, SETTLES
 from trueup.recording import Recording
 from trueup.samples import stretches_of
 from trueup.trial import command_of, shared_joints
 
-_FAR = 0.2
-"""rad or m beside the command: further than the zero of a servo is searched (`inspection.zeros`)."""
 USUAL = 6.0
 """Times what a joint is usually beside its command (the median): motion of any kind stays within about three."""
-LONG = 0.5
-"""s: servos settle faster (as in `inspection.zeros`); half of it before and behind is left out too, since it shows late that
+LONG = SETTLES
+"""s: half of it before and behind is left out too, since it shows late that
 nothing pulls, and a drive that is switched on again begins with a jerk."""
 _NEAR = 0.9
 """Of the samples that are not so far beside: joints follow that are beside their commands as in that share of them."""
@@ -91,7 +90,7 @@ def _usual(every: Sequence[_Apart]) -> dict[str, float]:
 
 def _released(one: _Apart, usual: Array) -> list[Gap]:
     """Where the drives had let go, with what hangs on that before and behind; `usual` (k,) as `_usual`."""
-    far: Mask = np.any(_stuck(one, np.maximum(_FAR, USUAL * usual)), axis=1)
+    far: Mask = np.any(_stuck(one, np.maximum(FAR, USUAL * usual)), axis=1)
     stuck = _runs(far, one.time)
     if not stuck or far.all():
         return []
@@ -138,7 +137,7 @@ def _let_go(one: _Apart, begin: int, end: int, follows: Array) -> bool:
         return False
     away = np.diff(there, axis=0) * np.sign(there - told)[1:]
     left = np.where(away > 0.0, away, 0.0).sum(axis=0) - np.abs(np.diff(told, axis=0)).sum(axis=0)
-    return bool(np.count_nonzero(asked) > 1 or (left > _FAR)[~asked].any())
+    return bool(np.count_nonzero(asked) > 1 or (left > FAR)[~asked].any())
 
 
 def _furthest(one: _Apart, found: Sequence[Gap], usual: dict[str, float]) -> str:

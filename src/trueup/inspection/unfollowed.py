@@ -11,15 +11,12 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import HALVED
 from trueup.inspection.relations import CORRELATED
-from trueup.inspection.zeros import far_beside, with_command
+from trueup.inspection.zeros import SETTLES, far_beside, with_command
 from trueup.noise import estimate_grid, estimate_noise, is_noise
 from trueup.recording import Recording
 from trueup.rounding import TINY
+from trueup.trial import LOOK
 
-_LATE = 0.5
-"""s that a joint may be behind its command: servos settle faster (as in `inspection.zeros`)."""
-_LAGS = 25
-"""Delays that are tried within that: each step far shorter than what a servo needs."""
 _SEVERAL = 3
 """Joints: fewer may all be in vain."""
 
@@ -37,10 +34,10 @@ def unfollowed(recordings: Sequence[Recording]) -> tuple[str, ...]:
             pair = _pair(recording, joint)
             if pair is not None:
                 pairs.setdefault(joint, []).append(pair)
-    lags = np.linspace(0.0, _LATE, _LAGS)
+    lags = np.arange(0.0, SETTLES, LOOK)
     alike = {joint: [_likeness(each, late) for late in lags] for joint, each in pairs.items()}
     # All joints are as late, nearly, so that one lag is the best: each by itself finds one by chance.
-    best = max(range(_LAGS), key=lambda k: sum(each[k] for each in alike.values()))
+    best = max(range(len(lags)), key=lambda k: sum(each[k] for each in alike.values()))
     if len(alike) < _SEVERAL or max(each[best] for each in alike.values()) >= CORRELATED:
         return ()
     shown = ", ".join(f"{joint} {each[best]:.2f}" for joint, each in alike.items())
@@ -64,7 +61,7 @@ class _Pair:
 def _pair(recording: Recording, joint: str) -> _Pair | None:
     """None where a joint has no command, or none that changes, or shows nothing but noise."""
     pair = with_command(recording, joint)
-    if pair is None or not np.nanstd(pair[1]) > TINY:
+    if pair is None or len(np.unique(pair[1][np.isfinite(pair[1])])) < 2:
         return None
     (position, told), time = pair, recording.channel("position").time
     if is_noise(position, float(estimate_noise(position, time)[0]), estimate_grid(position)):
@@ -79,7 +76,7 @@ def _likeness(pairs: Sequence[_Pair], late: float) -> float:
     ones, others = [np.zeros(0)], [np.zeros(0)]
     for pair in pairs:
         shift = round(late / pair.step)
-        one, other = pair.position[shift:], pair.told[: len(pair.told) - shift]
+        one, other = pair.position[shift:], pair.told[: max(len(pair.told) - shift, 0)]
         good = np.isfinite(one) & np.isfinite(other)
         if np.count_nonzero(good) > 1:
             ones.append(one[good] - one[good].mean())

@@ -16,8 +16,10 @@ from trueup.recording import Recording
 from trueup.samples import correlation
 from trueup.trial import command_of
 
-_HELD = 0.5  # s that a command stays as it is, of which the second half is looked at: servos settle faster
-_FAR = 0.2  # rad or m: as far as the zero of a servo is searched
+SETTLES = 0.5
+"""s within which any servo has settled, on or beside its command."""
+FAR = 0.2
+"""rad or m: as far as the zero of a servo is searched."""
 _ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
 
 
@@ -27,7 +29,7 @@ def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
     for recording in recordings:
         for joint in recording.channel("position").labels if recording.has("position") else ():
             apart = _all_along(recording, joint)
-            if abs(apart) > _FAR:
+            if abs(apart) > FAR:
                 found.setdefault(joint, {})[recording.name] = apart
     return tuple(_said(joint, by) for joint, by in found.items())
 
@@ -88,7 +90,7 @@ def _rests(recording: Recording, joint: str) -> Array:
     edges = np.concatenate([[0], np.flatnonzero(np.diff(told) != 0.0) + 1, [len(told)]])
     found = []
     for first, last in itertools.pairwise(edges):
-        if time[last - 1] - time[first] >= _HELD:
+        if time[last - 1] - time[first] >= SETTLES:
             later = apart[first:last][time[first:last] >= 0.5 * (time[first] + time[last - 1])]
             if np.isfinite(later).any():
                 found.append(float(np.nanmean(later)))
