@@ -9,13 +9,12 @@ import numpy as np
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.quantities.known import quantity
-from trueup.instant import usual_step
+from trueup.instant import CUBIC, usual_step
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
 
 LIMITS = ("acceleration limit of commands", "speed limit of commands")
 """The optional structures, in the order in which they are asked about."""
-_OVER = 0.05  # s over which measured motion is differentiated: below, an encoder's steps count as acceleration
 _BELOW = 4.0  # times: a drive overshoots its own profile, so that what it did may have been asked for by less
 _REACH = 1.5  # times the limit at least that must have been asked for, or it was not met
 
@@ -54,7 +53,7 @@ def _most(recordings: Sequence[Recording], names: set[str], *, command: bool) ->
         )
         label = next((x for x in channel.labels if x in names), "") if channel is not None else ""
         if channel is not None and label and channel.unit in ("rad", "m"):
-            most = np.maximum(most, _rates(channel, label, 0.0 if command else _OVER))
+            most = np.maximum(most, _rates(channel, label, 0.0 if command else CUBIC))
     return float(most[0]), float(most[1])
 
 

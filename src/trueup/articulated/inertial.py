@@ -13,12 +13,12 @@ from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, QUATERNION, quaternion_of, rotation_between
 from trueup.inspection.relations import CORRELATED, nearest
 from trueup.inspection.sensors import is_accelerometer, is_gyro
+from trueup.inspection.sliding import STRIDE
 from trueup.recording import Channel, Recording
 from trueup.samples import between, is_unit
 from trueup.units import GRAVITY, to_si
 
 CALM = 1.0  # s over which steps and pushes average out, and gravity stays
-_TURN = 0.2  # s over which turns are compared: noise of an orientation is small beside them, and no gait is as quick
 _FASTEST = 35.0
 """rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
 _COUNTS = 100.0  # times gravity in g: units that anyone uses are below, raw numbers of a converter are beyond
@@ -66,14 +66,14 @@ def together(gyro: Channel, orientation: Channel) -> Together | None:
     """How a gyro's turns go with those of a quaternion w, x, y, z; None where either hardly turns."""
     good = np.isfinite(gyro.values).all(axis=1)
     time = np.arange(
-        max(gyro.time[0], orientation.time[0]), min(gyro.time[-1], orientation.time[-1]) - _TURN, 0.5 * _TURN
+        max(gyro.time[0], orientation.time[0]), min(gyro.time[-1], orientation.time[-1]) - STRIDE, 0.5 * STRIDE
     )
     if np.count_nonzero(good) < 3 or len(time) < 20:
         return None
     values = gyro.values[good] - np.median(gyro.values[good], axis=0)
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(gyro.time[good])[:, None]
     angles = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
-    by_gyro = between(time + _TURN, gyro.time[good], angles) - between(time, gyro.time[good], angles)
+    by_gyro = between(time + STRIDE, gyro.time[good], angles) - between(time, gyro.time[good], angles)
     by_pose = _turns(orientation, time)
     known = np.isfinite(by_pose).all(axis=1)
     if np.count_nonzero(known) < 20:
@@ -165,10 +165,10 @@ def _scaled(recording: Recording, name: str, unit: str, factor: float) -> Record
 
 
 def _turns(orientation: Channel, time: Array) -> Array:
-    """(n, 3) rotation vectors in rad, in the body's frame, from each instant to `_TURN` later."""
+    """(n, 3) rotation vectors in rad, in the body's frame, from each instant to `STRIDE` later."""
     q = orientation.values / np.linalg.norm(orientation.values, axis=1, keepdims=True)
     # From one sample to the next a quaternion may change its sign, which is the same orientation.
     signs = np.cumprod(np.concatenate([[1.0], np.where(np.nansum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)]))
     good = np.isfinite(q).all(axis=1)
-    first, second = (between(t, orientation.time[good], (q * signs[:, None])[good]) for t in (time, time + _TURN))
+    first, second = (between(t, orientation.time[good], (q * signs[:, None])[good]) for t in (time, time + STRIDE))
     return rotation_between(first, second)

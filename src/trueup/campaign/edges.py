@@ -4,11 +4,7 @@
 from __future__ import annotations
 
 from trueup.campaign.history import History
-
-_EDGE = 0.01
-"""Share of a range: a search that is drawn to a bound comes this near to it, and one that is not ends there by chance in one
-of fifty.
-"""
+from trueup.loop.elsewhere import EDGE
 
 
 def at_edges(history: History) -> str:
@@ -24,7 +20,7 @@ def at_edges(history: History) -> str:
     ends = [
         f"{name} = {history.setting(name, value)} at the {'lower' if unit < 0.5 else 'upper'} end"
         for (name, value), unit in zip(best.items(), rows[0], strict=True)
-        if min(unit, 1.0 - unit) < _EDGE and value != 0.0
+        if min(unit, 1.0 - unit) < EDGE and value != 0.0
     ]
     if not ends:
         return ""

@@ -18,8 +18,8 @@ from trueup.trial import command_of
 
 _SMOOTH = 0.4
 """s of a moving mean, twice, over speeds of cars."""
-_LONGEST = 2.0
-"""s by which a car may follow, or lead."""
+LONGEST = 2.0
+"""s by which a vehicle may follow its command, or lead."""
 _MEASURED = {"speed": "speed", "turn": "yaw_rate"}
 """What a car is commanded, and the channel that shows it."""
 
@@ -208,7 +208,7 @@ class _Followed:
         """Of single labels, the same. Raises RecordingError as `lag`."""
         half = 0.5 * max(usual_step(told.time), usual_step(moved.time))
         told, moved = (averaged(c.time, c.values[:, 0]) for c in (told, moved))
-        around, width, step = _correlation(told, moved, _LONGEST, hold=False)
+        around, width, step = _correlation(told, moved, LONGEST, hold=False)
         (behind, alike), (late, unlike) = (_peak(sign * around, width, step) for sign in (1.0, -1.0))
         sign, shift = (1.0, behind) if alike >= unlike else (-1.0, late)
         asked, seen = told.at(moved.time - shift)[:, 0], moved.values[:, 0]

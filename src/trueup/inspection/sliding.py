@@ -15,7 +15,9 @@ from trueup.evidence import HALVED
 from trueup.recording import Recording
 from trueup.trial import LOOK
 
-_AHEAD = 10  # looks, 0.2 s: a step, beside which noise is small
+STRIDE = 0.2
+"""s over which ways and turns are compared: noise is small beside them, and no gait is as quick."""
+_AHEAD = round(STRIDE / LOOK)
 _POSES = 1500  # of all recordings, a fraction of a second for each way that they are looked at
 _SLIPS = 0.2
 """Of how far the base went: less makes nobody wrong, and is not looked into."""
@@ -73,7 +75,7 @@ def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ..
     best = sorted(better, key=lambda words: _size(better[words]))[:_SAID]
     ways = ", or by ".join(f"{1e3 * _size(better[words]):.1f} mm if {words}" for words in best)
     return (
-        f"by joints and base the feet slide: within {_AHEAD * LOOK:g} s the base goes elsewhere than feet that stand still "
+        f"by joints and base the feet slide: within {STRIDE:g} s the base goes elsewhere than feet that stand still "
         f"would take it by {1e3 * _size(errors):.1f} mm, and by {ways}: were they mixed up in the log? Mend the mapping, or "
         "the model",
     )
@@ -88,7 +90,7 @@ def _belts(legs: Legs, walks: Sequence[_Walk]) -> str:
         apart = beside[_AHEAD:] - beside[:-_AHEAD]
         stays = np.hypot(*(walk.places[-1] - walk.places[0])[:2]) < _SLIPS * np.hypot(*(by_feet[-1] - by_feet[0])[:2])
         if stays and _size(apart - apart.mean(axis=0)) ** 2 < HALVED * _size(apart) ** 2:
-            speeds.append(float(np.hypot(*apart.mean(axis=0))) / (_AHEAD * LOOK))
+            speeds.append(float(np.hypot(*apart.mean(axis=0))) / STRIDE)
     if 2 * len(speeds) <= len(walks):
         return ""
     return (

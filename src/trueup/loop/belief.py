@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from trueup.arrays import Array, Mask
 from trueup.calibration import Calibration
 from trueup.errors import ParameterError
+from trueup.loop.uncertainty import PRIOR
 from trueup.parameters import ParameterSpace
 
 UNSEEN = 0.1
 """Standard deviation, as a share of its range, of a parameter that the recordings could not tell."""
-_BOX = 1.0 / 12.0
+_BOX = 1.0 / PRIOR
 """Variance of what is anywhere in its range alike: what is believed of parameters before any recording."""
 _BLIND = ("not identified", "no effect")
 

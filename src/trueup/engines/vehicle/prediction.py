@@ -10,6 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.errors import RecordingError
+from trueup.inspection.remainder import EVERY
 from trueup.recording import Recording
 from trueup.rounding import PRINTED
 from trueup.tracking.past import begun_at, first_state, last_known
@@ -21,7 +22,7 @@ HORIZONS = (1.0, 3.0)
 
 def prediction_errors(
     simulator: VehicleSimulator, values: Array, recording: Recording, horizons: Sequence[float] = HORIZONS, *,
-    every: float = 0.25,
+    every: float = EVERY,
 ) -> Array:  # fmt: skip
     """(S, len(horizons)) distances in m between predicted and tracked position, for predictions begun `every` s.
 

@@ -19,7 +19,7 @@ from trueup.formats.rules.names import PLAINLY_MEASURED, listed
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import instants_of, speed_of, usable
 from trueup.formats.rules.vehicles import Signal
-from trueup.inspection.alignment import averaged, lag
+from trueup.inspection.alignment import LONGEST, averaged, lag
 from trueup.inspection.relations import rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
@@ -32,7 +32,6 @@ _MEASURED = PLAINLY_MEASURED | listed(
 """Sources of what was measured."""
 _MOSTLY = 0.9
 """Share of a robot's motion along its heading, by squares: from there on that is where it drives, not any other angle."""
-_LONGEST = 2.0  # s that a robot may take to follow
 
 
 def leading(
@@ -76,7 +75,7 @@ def lateness(column: Column, values: Array, motion: Channel, time: TimeColumn) -
     if np.count_nonzero(good) < len(instants) // 2:
         return None
     try:
-        return lag(averaged(instants[good], values[good]), motion, longest=_LONGEST)
+        return lag(averaged(instants[good], values[good]), motion, longest=LONGEST)
     except RecordingError:
         return None
 

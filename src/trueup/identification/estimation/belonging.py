@@ -24,8 +24,6 @@ _NONE = np.zeros(0, dtype=np.int64)
 _ADVICE = "Identify recordings with one load together, and others by themselves"
 _FINER = 4
 """Times as many blocks: where a load is taken up a block has it in part, and those must be few."""
-_TURNS = 10
-"""Times that stretches are sorted by load and loads fitted anew: they settle in three or four."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +174,7 @@ def _sorted(blocks: _Blocks, moments: Moments, first: int) -> tuple[float, Mask]
     """
     at, laden = len(blocks.active), np.arange(len(blocks.owner)) == first
     error = np.inf
-    for _ in range(_TURNS):
+    for _ in laden:  # sorted and fitted anew in turns they settle in three or four
         gram, cross = _only_in(moments, at, laden).weighted(1.0 / blocks.power)
         x = solve(gram.sum(axis=0), cross.sum(axis=0), np.zeros(cross.shape[1]))
         bare = np.where(np.arange(len(x)) < at, x, 0.0)

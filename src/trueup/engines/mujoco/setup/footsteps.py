@@ -21,6 +21,7 @@ from trueup.articulated.pose import (
     quaternion_of,
     up_of,
 )
+from trueup.ends import TILT
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.floor import Reach
@@ -36,8 +37,6 @@ from trueup.samples import between, is_unit, unwound
 from trueup.trial import RECKONED
 from trueup.units import GRAVITY, hardly_radians
 
-_UPRIGHT = 0.87
-"""Cosine of what a robot leans that stands or walks, in the median: 30 degrees. A unit mounted otherwise says more."""
 _TURNS = listed("quat quaternion orientation ori rotation rot attitude rpy euler q")
 
 
@@ -157,7 +156,7 @@ def attitude(recording: Recording) -> Channel | None:
         of_base = "imu" in plain or any(plain & source for source in SOURCES) or plain <= _TURNS
         if of_base and not plain & (OTHERS - {"imu"}):
             found += _as_turns(channel)
-    upright = [c for c in found if _up(c) > _UPRIGHT]
+    upright = [c for c in found if _up(c) > np.cos(TILT)]  # a unit that is mounted otherwise says more
     return upright[0] if len(upright) == 1 else None
 
 
