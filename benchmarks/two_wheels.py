@@ -217,7 +217,7 @@ def _by_pwm(robot: Robot, still: float, folder: Path) -> tuple[float, Array, Arr
     assert isinstance(simulator, VehicleSimulator)
     full = simulator.vehicle.full or (1.0, 1.0)
     for space in (simulator.parameters, simulator.parameters.left_out(["wheel_dead"])):
-        tried = simulator.searching(space)
+        tried = simulator.with_parameters(space)
         found = replace(ready, simulator=tried).calibrate()
         dead = dead or next(e.value for e in found.estimates if e.name == "wheel_dead") * full[0] / 255.0
         errors.append(

@@ -24,6 +24,8 @@ from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
 from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
+from trueup.loop.calibrate import Options
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.tracking.cleaned import cleaned
@@ -39,6 +41,8 @@ HIDDEN = {
     "friction": 1.0, "speed_loss": 0.9, "curve_loss": 0.15, "pose_at": 0.75, "pose_turn": 0.02,
 }  # fmt: skip
 TRUTH = Vehicle("hidden", 0.2, drive="throttle", values=HIDDEN)
+SEARCHED_ONCE = "[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
+"""What lasts beyond the model is told in a car's file, and so a search begins there alone."""
 GUESS = Vehicle("guessed", 0.2, drive="throttle")
 
 
@@ -100,7 +104,7 @@ def written(recording: Recording, path: Path, lost: tuple[float, float] = (20.0,
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("car")
-    (folder / "car.toml").write_text('[vehicle]\nname = "guessed"\nwheelbase = 0.2\n')
+    (folder / "car.toml").write_text(f'[vehicle]\nname = "guessed"\nwheelbase = 0.2\n{SEARCHED_ONCE}')
     return [written(driven(seed), folder / f"drive_{seed}.csv") for seed in (1, 2)]
 
 
@@ -112,7 +116,7 @@ def drive() -> Recording:
 def test_hidden_parameters_come_back_from_logs_with_two_clocks_and_outliers(logs: list[Path]) -> None:
     recordings = [formats.read([log])[0] for log in logs]
     ready = prepare(logs[0].with_name("car.toml"), recordings[:1], recordings[1:])
-    simulator, found = ready.simulator, ready.calibrate()
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
     assert isinstance(simulator, VehicleSimulator)
     values = {e.name: e.value for e in found.estimates}
     for name, within in (("steering_left", 0.1), ("steering_right", 0.1), ("friction_limit", 0.1), ("curve_loss", 0.2)):
@@ -327,9 +331,9 @@ def test_a_first_look_comes_near(drive: Recording) -> None:
 def test_a_car_on_soft_tyres_is_predicted_as_well_as_its_hidden_values_predict_it(tmp_path: Path) -> None:
     """Tyres that slip a little everywhere swing the tail out: held stiff, they moved the tracked point instead."""
     soft = Vehicle("soft", 0.2, drive="throttle", values={**HIDDEN, "grip": 45.0})
-    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.2\n")
+    (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.2\n{SEARCHED_ONCE}")
     ready = prepare(tmp_path / "car.toml", [driven(11, 20.0, truth=soft)])
-    simulator, found = ready.simulator, ready.calibrate()
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
     assert isinstance(simulator, VehicleSimulator)
     unseen = simulator.prepared(driven(12, 20.0, truth=soft))
     ours, theirs = (
@@ -465,10 +469,11 @@ def test_a_car_is_calibrated_from_the_shell(
     logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    model = logs[0].with_name("car.toml")
-    for log in logs:  # 25 s are enough for the command
-        Path(log.name).write_text("".join(log.read_text().splitlines(keepends=True)[:2500]))
-    code = main(["calibrate", str(model), *(log.name for log in logs), "--hold-out", "drive_2", "--out", "fit"])
+    Path("car.toml").write_text("[vehicle]\nwheelbase = 0.2\n")  # what lasts beyond the model is searched, too
+    for log in logs:  # 15 s are enough for the command
+        Path(log.name).write_text("".join(log.read_text().splitlines(keepends=True)[:1500]))
+    given = ["car.toml", *(log.name for log in logs), "--hold-out", "drive_2", "--search", "gradient"]
+    code = main(["calibrate", *given, "--out", "fit"])
     said = capsys.readouterr()
     assert code == 0, said.err
     assert "position, held out" in said.out
@@ -480,10 +485,11 @@ def test_a_car_is_calibrated_from_the_shell(
 @pytest.mark.realdata
 def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path, tmp_path: Path) -> None:
     files = sorted((real_data / "jetracer").glob("[679]*/*.csv"))
-    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.1735\n")
+    lasting = "push_lasts = 0.5\ntrim_lasts = 0.6\nspeed_kept = 0.0\n"
+    (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.1735\n[vehicle.values]\n{lasting}")
     recordings = [formats.read([file])[0] for file in files]
     ready = prepare(tmp_path / "car.toml", [r.slice(r.start, r.start + 45.0) for r in recordings[1:]])
-    simulator, found = ready.simulator, ready.calibrate()
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
     assert isinstance(simulator, VehicleSimulator)
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[0]))
     assert (errors.mean(axis=0) < [0.08, 0.25]).all()

@@ -17,6 +17,8 @@ from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import RecordingError
+from trueup.loop.calibrate import Options
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
@@ -27,6 +29,8 @@ from trueup.tracking.past import Past
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
+TURNING = ("steering_*", "relaxation", "understeer", "grip", "friction_limit", "pose_*", "drive", "friction")
+"""What tells how a car turns, and a speed that does not change."""
 
 
 def winding(speed: float, wheelbase: float, angle: float, rate: float, noise: float, seed: int = 0) -> Recording:
@@ -50,6 +54,13 @@ def winding(speed: float, wheelbase: float, angle: float, rate: float, noise: fl
 
 def with_values(recording: Recording, name: str, values: Array) -> Recording:
     return recording.with_channel(recording.channel(name).replace(values=values))
+
+
+def searched_once(folder: Path, wheelbase: float = 0.2) -> Path:
+    """A car's file that tells what lasts beyond the model, so that the search begins there alone."""
+    lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
+    (folder / "car.toml").write_text(f"[vehicle]\nwheelbase = {wheelbase}\n[vehicle.values]\n{lasting}")
+    return folder / "car.toml"
 
 
 @pytest.fixture(scope="module")
@@ -245,11 +256,13 @@ def test_pedals_topics_of_their_own_and_turn_rates_drive_a_car_too() -> None:
 
 def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
     """A wheel that turns no faster than it can is not the same as one that turns late: only the former has a limit."""
-    lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"  # told, and so searched from once
-    (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.2\n[vehicle.values]\n{lasting}")
+    vehicle = searched_once(tmp_path)
     for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
         given = turned(asked(0.0, 12.0), rate, late)
-        found = {e.name: e.value for e in prepare(tmp_path / "car.toml", [given]).calibrate().estimates}
+        found = {
+            e.name: e.value
+            for e in prepare(vehicle, [given]).only(TURNING).calibrate(Options(stages=DESCENT)).estimates
+        }
         if np.isfinite(rate):
             assert found["steering_rate_limit"] == pytest.approx(rate, rel=0.1)
         else:
@@ -260,9 +273,9 @@ def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
 
 
 def test_a_slow_servo_is_not_taken_for_soft_tyres_on_a_short_drive(tmp_path: Path) -> None:
-    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.2\n")
     noisy = turned(asked(45.0, 65.0), 0.5, 0.0, np.random.default_rng(1))
-    found = {e.name: e.value for e in prepare(tmp_path / "car.toml", [noisy]).calibrate().estimates}
+    ready = prepare(searched_once(tmp_path), [noisy]).only(TURNING)
+    found = {e.name: e.value for e in ready.calibrate(Options(stages=DESCENT)).estimates}
     assert found["steering_rate_limit"] == pytest.approx(0.5, rel=0.3)
     assert found["relaxation"] < 0.2
 
@@ -283,9 +296,8 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     robot, task = chasi.robot(3), chasi.task(("figure_eight", "slalom"))
     fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
     fitted = fitted.slice(fitted.start, fitted.start + 60.0)
-    (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
-    ready = prepare(tmp_path / "robot.toml", [fitted])
-    simulator, found = ready.simulator, ready.calibrate()
+    ready = prepare(searched_once(tmp_path, 0.55), [fitted])
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
     assert isinstance(simulator, VehicleSimulator)
     errors = prediction_errors(simulator, found.values, simulator.prepared(unseen))
     assert len(errors) > 100
@@ -306,7 +318,7 @@ def test_what_goes_on_is_told_from_what_comes_and_goes() -> None:
               "understeer": 0.0}  # fmt: skip
     car = Vehicle("car", 0.2, drive="throttle", values=values)
     simulator = VehicleSimulator(car, car.space(["steering_offset"]))
-    found = Preparation(Vehicles(), simulator, (given,)).calibrate()
+    found = Preparation(Vehicles(), simulator, (given,)).calibrate(Options(stages=DESCENT))
     value = {e.name: e.value for e in found.estimates}
     assert value["push_lasts"] < 0.25
     nominal, drive = simulator.parameters.nominal, simulator.prepared(given)

@@ -106,7 +106,7 @@ class Vehicles(Family):
             slow = Look.at(drives).slow_wheel(simulator.vehicle)
             spaces += [_begun_at(spaces[0], slow)] if slow else []
             search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
-            starts = [simulator.searching(s) for s in spaces]
+            starts = [simulator.with_parameters(s) for s in spaces]
             every = [search(s, drives, others, again=k > 0) for k, s in enumerate(starts)]
             found = with_shares(simulator, every, drives, others, search, begun)
         else:
@@ -246,11 +246,11 @@ def with_shares(
     space, tried = simulator.parameters, []
     kept = np.isin(space.names, LASTING)
     for values in (c.values for c in every):
-        alone = search(simulator.searching(_only(LASTING, space, values)), drives, others, again=True).values
+        alone = search(simulator.with_parameters(_only(LASTING, space, values)), drives, others, again=True).values
         tried += [values, alone, *(np.where(kept, [b.get(n, 0.0) for n in space.names], values) for b in begun)]
     best = min(tried, key=lambda v: astray(simulator, v, drives))
     more = []
     if not any(np.array_equal(best, c.values) for c in every):
         told = dict(zip(space.names, best.tolist(), strict=True))
-        more = [search(simulator.searching(space.freeze(LASTING, told)), drives, others, again=True)]
+        more = [search(simulator.with_parameters(space.freeze(LASTING, told)), drives, others, again=True)]
     return min((*every, *more), key=lambda c: astray(simulator, c.values, drives))

@@ -39,7 +39,7 @@ def begun_with_noise(
     if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
         return found
     lasting = [n for n in LASTING if n in space.names]
-    held = simulator.searching(space.freeze(lasting, dict(zip(space.names, found.values, strict=True))))
+    held = simulator.with_parameters(space.freeze(lasting, dict(zip(space.names, found.values, strict=True))))
     how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}
     begun = [found.values, *_late_otherwise(held.parameters, found.values)]
     ended = [fit(held, drives, others, **how, start=values) for values in begun]

@@ -89,7 +89,7 @@ class VehicleSimulator:
         twin.step, twin._pasts = step, WeakKeyDictionary()
         return twin
 
-    def searching(self, space: ParameterSpace) -> VehicleSimulator:
+    def with_parameters(self, space: ParameterSpace) -> VehicleSimulator:
         """The same simulator with another space of the same parameters."""
         twin = object.__new__(VehicleSimulator)
         twin.__dict__.update(self.__dict__)
