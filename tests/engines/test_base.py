@@ -20,6 +20,7 @@ from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import ModelError
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare, simulator_for
 from trueup.loop.replay import replays
 from trueup.recording import Channel, Recording
@@ -107,8 +108,9 @@ def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
         model, [Declaration("kp", ("*",), tie="all", name="kp"), Declaration("mass", ("trunk",))]
     )
     found = calibrate(
-        MujocoSimulator(model, space, quantities), recordings, options=Options(cross_validate=False, select=False)
-    )
+        MujocoSimulator(model, space, quantities), recordings,
+        options=Options(cross_validate=False, select=False, stages=DESCENT),
+    )  # fmt: skip
     mass, kp = (next(e for e in found.estimates if e.name == name) for name in ("trunk.mass", "kp"))
     assert mass.low < 5.0 < mass.high
     assert mass.value == pytest.approx(5.0, rel=0.12)

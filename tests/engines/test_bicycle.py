@@ -18,6 +18,7 @@ from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_spa
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN
 from trueup.errors import ModelError, ParameterError, RecordingError, UnknownNameError
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import DESCENT
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
 from trueup.tasks.follow_path import FollowPath
@@ -191,7 +192,8 @@ def test_calibration_recovers_the_five_betas(seed: int) -> None:
     channels = ("position", "heading", "speed", "yaw_rate")
     found = calibrate(
         BicycleSimulator(BARE, vehicle_space(BARE, BETAS)), pieces,
-        options=Options(channels=channels, cross_validate=False), discrepancy=RigidlyAligned.estimated(pieces, channels),
+        options=Options(channels=channels, cross_validate=False, stages=DESCENT),
+        discrepancy=RigidlyAligned.estimated(pieces, channels),
     )  # fmt: skip
     np.testing.assert_allclose(found.values, truth, rtol=0.03, atol=0.01)
 
@@ -208,7 +210,7 @@ def test_a_limit_that_a_drive_never_meets_is_no_limit_of_the_simulator_in_which_
     }
     pieces = windows(Recording("gentle", noisy), 6.0)
     measure = RigidlyAligned.estimated(pieces, ("position", "heading"))
-    found = calibrate(simulator, pieces, options=Options(cross_validate=False), discrepancy=measure)
+    found = calibrate(simulator, pieces, options=Options(cross_validate=False, stages=DESCENT), discrepancy=measure)
     delay, *limits = found.estimates
     assert delay.value == pytest.approx(0.2, abs=0.02)
     assert [(e.value, e.absent) for e in limits] == [(1e3, True), (1e3, True)]

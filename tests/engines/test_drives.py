@@ -15,9 +15,12 @@ from trueup.engines.mujoco.setup.drives import suited
 from trueup.errors import ModelError, RecordingError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.checks import check
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
+
+QUICK = Options(cross_validate=False, stages=DESCENT)
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>
 <geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>{drive}</mujoco>"""
@@ -218,7 +221,7 @@ def test_measured_torques_drive_what_nothing_commands(tmp_path: Path, drive: str
     np.testing.assert_array_equal(
         ready.recordings[0].channel("command_torque").values, _swing().channel("command_torque").values
     )
-    (damping,) = [e for e in ready.calibrate(Options(cross_validate=False)).estimates if e.name == "j.damping"]
+    (damping,) = [e for e in ready.calibrate(QUICK).estimates if e.name == "j.damping"]
     assert damping.value == pytest.approx(0.5, rel=0.03)
 
 
@@ -322,7 +325,7 @@ def test_commanded_speeds_drive_a_servo_of_speed_whatever_the_file_has(tmp_path:
     """As angles of a position servo, or torques of a motor, they moved the joint somewhere else without a word."""
     simulator, notes = simulator_for(_model(tmp_path, drive), [_paced()])
     assert any("servos of speed" in n for n in notes) == (drive != _SPEED)
-    found = calibrate(simulator, [_paced()], options=Options(cross_validate=False))
+    found = calibrate(simulator, [_paced()], options=QUICK)
     gain = next(e.value for e in found.estimates if e.name == "j.gain" or e.name == "m.gain")
     kv = simulator.model.compiled.actuator_gainprm[0, 0] * gain
     assert kv == pytest.approx(4.0, rel=0.05)

@@ -19,8 +19,11 @@ from trueup.engines.mujoco.writing.write import simulated_model, write_model
 from trueup.errors import UnknownNameError
 from trueup.inspection.floor import stopped_by_floor
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
+
+QUICK = Options(cross_validate=False, stages=DESCENT)
 
 Array = NDArray[np.float64]
 
@@ -89,7 +92,7 @@ def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
     asked = ("kp", "damping", "friction", "floor_height", "floor_roll", "floor_pitch", "floor_friction")
     space = simulator.parameters
     space = space.left_out([name for name in space.names if name.rpartition(".")[2] not in asked])
-    found = calibrate(simulator, recordings[:1], recordings[1:], options=Options(cross_validate=False), space=space)
+    found = calibrate(simulator, recordings[:1], recordings[1:], options=QUICK, space=space)
     values = {e.name: e.value for e in found.estimates}
     # Height and pitch trade where all touches lie on one side of the origin: what counts is the height below the hand.
     touched = 0.36
@@ -151,7 +154,7 @@ def test_a_model_that_has_a_floor_keeps_its_own(tmp_path: Path) -> None:
     parameters.write_text('[[parameter]]\nquantity = "floor_height"\n[[parameter]]\nquantity = "kp"\n'
                           '[[parameter]]\nquantity = "damping"\n', encoding="utf-8")  # fmt: skip
     simulator, _ = simulator_for(path, recordings, parameters)
-    found = calibrate(simulator, recordings, options=Options(select=False))
+    found = calibrate(simulator, recordings, options=Options(select=False, stages=DESCENT))
     assert found.values[0] == pytest.approx(-0.08, abs=3e-3)
     assert isinstance(simulator, MujocoSimulator)
     write_model(simulator, found.values, tmp_path / "found.xml")

@@ -21,6 +21,8 @@ from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle
+from trueup.loop.calibrate import Options
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -153,7 +155,7 @@ def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path
     read = [formats.read(log)[0] for log in logs]
     ready = prepare(tmp_path / "base.toml", read)
     assert isinstance(ready.simulator, VehicleSimulator)
-    calibration = ready.calibrate()
+    calibration = ready.calibrate(Options(stages=DESCENT))
     found = {e.name: e.value for e in calibration.estimates}
     assert found["turn_left"] == pytest.approx(0.9, rel=0.02)
     assert found["turn_right"] == pytest.approx(0.9, rel=0.02)

@@ -18,6 +18,8 @@ from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ModelError, ParameterError, RecordingError
+from trueup.loop.calibrate import Options
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.tracking.commands import driven_by
@@ -308,7 +310,7 @@ def test_a_share_below_which_motors_stand_still_is_found(tmp_path: Path) -> None
     assert isinstance(ready.simulator, VehicleSimulator)
     full = ready.simulator.vehicle.full
     assert full is not None
-    found = ready.calibrate()
+    found = ready.calibrate(Options(stages=DESCENT))
     dead = next(e.value for e in found.estimates if e.name == "wheel_dead")
     assert dead == pytest.approx(0.16 / 0.8 * 255.0 / full[0], rel=0.15)
     ready.write(found, tmp_path / "found.toml", tmp_path / "parameters.toml")  # what is handed over predicts the same
