@@ -4,22 +4,29 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 import servo_problem
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.simulator import broken
+from trueup.engines.simulator import Simulator, broken
 from trueup.errors import GroundingError
-from trueup.grounding.blend import blended, replayed, with_inverse
+from trueup.grounding.blend import blended, compared, with_inverse
 from trueup.grounding.grounded import GroundedController, GroundedSimulator
 from trueup.grounding.learn import Learned, Wishes, learn
 from trueup.recording import Recording
 from trueup.trial import Trial
 
 NOTHING = np.zeros(0)
+
+
+def joint_errors(simulator: Simulator, recordings: Sequence[Recording], values: Array) -> Array:
+    """(b, recordings) root mean squared errors of replayed joints."""
+    return compared(simulator, recordings, values).of("position")
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +54,10 @@ def simulator(tmp_path_factory: pytest.TempPathFactory) -> MujocoSimulator:
 def test_grounding_makes_a_simulator_replay_runs_that_were_held_out(
     robot: list[Recording], learned: Learned, simulator: MujocoSimulator
 ) -> None:
-    before = replayed(simulator, robot[5:], NOTHING[None])
+    before = joint_errors(simulator, robot[5:], NOTHING[None])
     forward, found = blended(learned.grounding, simulator, robot[:5], NOTHING)
     both, _ = blended(with_inverse(learned.grounding, simulator, robot[:5], NOTHING), simulator, robot[:5], NOTHING)
-    after, inverted = (replayed(GroundedSimulator(simulator, g), robot[5:], NOTHING[None]) for g in (forward, both))
+    after, inverted = (joint_errors(GroundedSimulator(simulator, g), robot[5:], NOTHING[None]) for g in (forward, both))
     assert found.best > 0.0
     assert np.all(after < 0.8 * before)  # the paper's way
     assert np.all(inverted < 0.4 * before)  # with the simulator's inverse model
@@ -60,14 +67,14 @@ def test_a_model_that_goes_on_from_its_own_predictions_replays_better_than_throu
     robot: list[Recording], learned: Learned, simulator: MujocoSimulator
 ) -> None:
     through, chained = (
-        replayed(
+        joint_errors(
             GroundedSimulator(simulator, dataclasses.replace(learned.grounding.weighted(0.0, 1.0), chained=own)),
             robot[5:], NOTHING[None],
         )
         for own in (False, True)
     )  # fmt: skip
     assert np.all(chained < 0.5 * through)
-    assert np.all(chained < 0.4 * replayed(simulator, robot[5:], NOTHING[None]))
+    assert np.all(chained < 0.4 * joint_errors(simulator, robot[5:], NOTHING[None]))
 
 
 def test_all_of_what_is_requested_is_the_simulator_as_it_is(

@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 import servo_problem
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
-from trueup.grounding.blend import replayed
+from trueup.grounding.blend import compared
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learn import Wishes, learn
@@ -25,6 +27,11 @@ from trueup.recording import Recording
 from trueup.trial import Observed, Trial
 
 NOTHING = np.zeros(0)
+
+
+def joint_errors(simulator: Simulator, recordings: Sequence[Recording], values: Array) -> Array:
+    """(b, recordings) root mean squared errors of replayed joints."""
+    return compared(simulator, recordings, values).of("position")
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +63,16 @@ def test_what_is_found_to_be_missing_replays_runs_that_were_held_out(
     found = inverse_replay(grounding, simulator, robot[:1], NOTHING, torque=torque)
     assert np.all(found.after < 0.02 * found.before)
     made = with_residual(grounding, simulator, robot[:3], NOTHING, torque=torque)
-    before = replayed(simulator, robot[3:], NOTHING[None])
+    before = joint_errors(simulator, robot[3:], NOTHING[None])
     through, chained = (
-        replayed(GroundedSimulator(simulator, dataclasses.replace(made, chained=own)), robot[3:], NOTHING[None])
+        joint_errors(GroundedSimulator(simulator, dataclasses.replace(made, chained=own)), robot[3:], NOTHING[None])
         for own in (False, True)
     )
     assert np.all(through < 0.5 * before)
     assert np.all(chained < 0.2 * before)  # of states that the robot's model foretells
     made.save(tmp_path / "grounding.npz")
     again = GroundedSimulator(simulator, Grounding.load(tmp_path / "grounding.npz"))
-    assert np.array_equal(replayed(again, robot[3:], NOTHING[None]), through)
+    assert np.array_equal(joint_errors(again, robot[3:], NOTHING[None]), through)
 
 
 def test_commands_outside_of_what_it_was_found_for_are_refused(

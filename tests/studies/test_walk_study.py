@@ -21,7 +21,7 @@ from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.studies.walk import scenes
-from trueup.studies.walk.evaluation import Runs, at_once, expected_falls, measured, outcome
+from trueup.studies.walk.evaluation import Runs, at_once, expected_falls, outcome
 from trueup.studies.walk.guidance import Advice
 from trueup.studies.walk.search import Effort, Scene, searched
 from trueup.studies.walk.study import Budget, Story, alone, best_share, improved
@@ -184,17 +184,6 @@ def test_shares_of_falls_are_right_on_average_and_nearer_than_each_walks_own_cou
         bias.append(np.mean(found - true))
     assert np.sqrt(np.mean(np.square(wrong))) < 0.7 * np.sqrt(np.mean(np.square(alone)))
     assert abs(np.mean(bias)) < 0.05
-
-
-def test_the_papers_evaluation_repeats_what_fell_or_veered_until_five_arrived() -> None:
-    robot, line = Brittle(PARAMETERS.nominal[AMPLITUDE] - 0.015), scenes.task(LineWalk, runs=1)
-    done = measured(robot, line, PARAMETERS.nominal)
-    assert len(done.speeds) == 5
-    assert done.number == len(robot.trials) > 5
-    assert done.falls > 0
-    assert done.speed == pytest.approx(float(speed_of(PARAMETERS.nominal[None])[0]), rel=0.03)
-    assert measured(Brittle(1.0), line, PARAMETERS.nominal).falls == 0
-    assert not measured(Brittle(-1.0), line, PARAMETERS.nominal).speeds
 
 
 def test_runs_are_told_by_how_they_ended() -> None:

@@ -129,16 +129,9 @@ def best_way(
     return best, found.why
 
 
-def replayed(simulator: Simulator, recordings: Sequence[Recording], values: Array) -> Array:
-    """(b, recordings) root mean squared error of all joints that both have, for values (b, n); inf for failed rows."""
-    return compared(simulator, recordings, values, [_JOINTS]).of(_JOINTS)
-
-
-def compared(
-    simulator: Simulator, recordings: Sequence[Recording], values: Array, channels: Sequence[str] | None = None
-) -> Errors:
-    """Errors of all that recordings measured and `simulator` reproduces (or of `channels`), for values (b, n)."""
-    seen = [simulator.observable(r) if channels is None else channels for r in recordings]
+def compared(simulator: Simulator, recordings: Sequence[Recording], values: Array) -> Errors:
+    """Errors of all that recordings measured and `simulator` reproduces, for values (b, n)."""
+    seen = [simulator.observable(r) for r in recordings]
     names = tuple(dict.fromkeys(name for each in seen for name in (_JOINTS, *each)))
     trials = [Trial.of(r, [n for n in names if n in (_JOINTS, *own)]) for r, own in zip(recordings, seen, strict=True)]
     found = np.full((len(values), len(recordings), len(names)), np.nan)

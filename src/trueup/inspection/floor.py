@@ -44,15 +44,13 @@ class Stopped:
     """Of all poses that must look stopped."""
 
 
-def stopped_by_floor(
-    heights: Heights, recordings: Sequence[Recording], rule: Stopped | None = None
-) -> Diagnosis | None:
+def stopped_by_floor(heights: Heights, recordings: Sequence[Recording]) -> Diagnosis | None:
     """Whether the robot's lowest point stays well above where its commands would put it, near the lowest reach of all.
 
     Servos sag below their commands; one that rests above it was stopped. `numbers` has the height in m, the median of the
     lowest points where they were stopped.
     """
-    rule = rule or Stopped()
+    rule = Stopped()
     looks = [(r.name, *seen) for r in recordings for seen in (_reached(heights, r, rule.slow),) if seen is not None]
     if not looks:
         return None

@@ -68,22 +68,21 @@ class Choice:
 
 
 def worth_calibrating(
-    problems: Sequence[Problem], space: ParameterSpace, outcomes: Sequence[Problem] = (), *, rng: np.random.Generator,
-    draws: int = 4,
-) -> Choice:  # fmt: skip
+    problems: Sequence[Problem], space: ParameterSpace, outcomes: Sequence[Problem] = (), *, rng: np.random.Generator
+) -> Choice:
     """Chooses among the free parameters of `space`, which all problems' simulators have.
 
     `problems` are the recordings that will be fitted, `outcomes` the motions that shall be foretold (default: the same). A
     parameter is believed to be wrong by a quarter of its range. The smallest set is looked for, one parameter after the
     other, with which the outcome is foretold as well as with all, but for what its mean is known to from a run's samples.
-    Slopes are taken at the nominal values and at values drawn around them, `draws` in all.
+    Slopes are taken at the nominal values and at three that are drawn around them.
     Raises CalibrationError where nothing is free or nothing can be simulated.
     """
     names = [p.name for p in space.parameters if not p.frozen]
     free = range(len(names))
     if not names:
         raise CalibrationError("no parameter is free, so there is none to choose")
-    begin = np.clip(space.to_unit(space.nominal), 0.0, 1.0)
+    begin, draws = np.clip(space.to_unit(space.nominal), 0.0, 1.0), 4
     away = 0.5 * SPREAD * rng.standard_normal((draws, len(names))) * (np.arange(draws) > 0)[:, None]
     points = np.clip(begin + away, 0.0, 1.0)
     seen = np.mean([_products(p, space, points) for p in problems], axis=0)

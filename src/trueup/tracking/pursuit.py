@@ -61,15 +61,13 @@ class _Piece:
         return self.commands[np.maximum(self.before + k - late, 0), column]
 
 
-def pursuit(
-    drives: Sequence[Past], wheelbase: float, scan: Scan | None = None, *, commanded: bool = True
-) -> dict[str, float]:
+def pursuit(drives: Sequence[Past], wheelbase: float, *, commanded: bool = True) -> dict[str, float]:
     """Start values of speed (unless it is not what is `commanded`) and steering; nothing where the car never drives.
 
     Each combination is run under the recorded commands from what was seen when a piece began, all at once; the one that is
     nearest to what was seen counts, by the mean of absolute differences.
     """
-    scan = scan or Scan()
+    scan = Scan()
     pieces = [piece for past in drives for piece in _pieces(past, scan)]
     if not pieces:
         return {}

@@ -21,10 +21,9 @@ HORIZONS = (1.0, 3.0)
 
 
 def prediction_errors(
-    simulator: VehicleSimulator, values: Array, recording: Recording, horizons: Sequence[float] = HORIZONS, *,
-    every: float = EVERY,
-) -> Array:  # fmt: skip
-    """(S, len(horizons)) distances in m between predicted and tracked position, for predictions begun `every` s.
+    simulator: VehicleSimulator, values: Array, recording: Recording, horizons: Sequence[float] = HORIZONS
+) -> Array:
+    """(S, len(horizons)) distances in m between predicted and tracked position, for predictions begun every `EVERY` s.
 
     A prediction may use all that was measured until it begins and the commands thereafter. It counts where the car drove
     when it began and was tracked all the way; the tracked position is the mean over 0.1 s around the instant. A drive of a
@@ -33,7 +32,7 @@ def prediction_errors(
     """
     trial = Trial.of(recording, simulator.observable(recording))
     drive = simulator.past(trial)
-    starts = begun_at(drive, max(horizons), every)
+    starts = begun_at(drive, max(horizons), EVERY)
     if not len(starts):
         starts = first_state(drive, min(horizons))
     first = np.arange(len(starts) + 1, dtype=np.int64) * len(horizons)

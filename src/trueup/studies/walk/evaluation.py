@@ -134,13 +134,3 @@ def at_once(robot: Robot, walk: LineWalk, candidate: Array, runs: int, label: st
     """So many trials of one candidate (m,), whatever becomes of them."""
     trial = robot_trials(walk, candidate, label)[0]
     return outcome(robot.perform(replace(trial, repeats=runs)), walk)
-
-
-def measured(robot: Robot, walk: LineWalk, candidate: Array, label: str = "", *, arrivals: int = 5) -> Runs:
-    """The paper's evaluation: the mean of five trials; one that falls or veers is run again, at most as often once more."""
-    done = Runs()
-    for k in range(1, 2 * arrivals + 1):
-        if len(done.speeds) >= arrivals:
-            break
-        done = done + at_once(robot, walk, candidate, 1, f"{label} trial {k}")
-    return done
