@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trueup.calibration import Calibration
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.loop.calibrate import Options
-from trueup.loop.fit import SHIPPED, fit
+from trueup.loop.fit import DESCENT, SHIPPED, fit
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -56,7 +56,7 @@ def calibrated(
             Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", time, measured)})
         )
     return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
-        Options(cross_validate=False, lacking=lacking)
+        Options(cross_validate=False, lacking=lacking, stages=DESCENT)
     )
 
 
@@ -153,7 +153,7 @@ def test_a_link_that_is_heavier_than_its_file_is_named(tmp_path: Path) -> None:
     lines = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\n' for q in ("friction", "armature", "kp"))
     (tmp_path / "parameters.toml").write_text(lines)
     ready = prepare(tmp_path / "arm.xml", recordings, parameters=tmp_path / "parameters.toml")
-    found = ready.calibrate(Options(cross_validate=False))
+    found = ready.calibrate(Options(cross_validate=False, stages=DESCENT))
     assert "links of another mass or balance, which the model lacks: fore.mass" in found.lacking
     assert float(found.lacking.partition("fore.mass ")[2].split()[0]) == pytest.approx(1.4, rel=0.05)
     for e in found.estimates:

@@ -14,7 +14,7 @@ from trueup.calibration import Calibration, Lacked
 from trueup.evidence import Evidence, evidence, together
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.earlier import Earlier
-from trueup.loop.fit import REFINEMENT
+from trueup.loop.fit import DESCENT, REFINEMENT
 from trueup.loop.prepare import Preparation, prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -30,7 +30,7 @@ TRUTH = {"kp": 60.0, "friction": 0.15, "armature": 0.012}
 FILE = {"kp": 40.0, "friction": 0.3, "armature": 0.03}
 GEAR = '<joint name="gear" axis="0 1 0" stiffness="400" damping="0.3"/>'
 TIME = np.arange(0.0, 3.0, 0.01)
-ALONE = Options(cross_validate=False)
+ALONE = Options(cross_validate=False, stages=DESCENT)
 FAST, SLOW = (0.3, 0.8, 1.9, 4.0), (0.1, 0.15, 0.2, 0.3)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from trueup.calibration import Calibration
 from trueup.loop.calibrate import Options
+from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -51,7 +52,7 @@ def calibrated(folder: Path, declared: tuple[str, ...], truth: dict[str, float],
             Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
         )
     return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
-        Options(cross_validate=False)
+        Options(cross_validate=False, stages=DESCENT)
     )
 
 
