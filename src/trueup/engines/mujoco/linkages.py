@@ -15,13 +15,12 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.rounding import ROUNDED
 
 _STRIDE = 0.1
 """rad or m that measured joints go at a time on their way from the reference pose, where loops are closed: a linkage that
 is taken there at once may close the other way round."""
 _TURNS = 20
-_CLOSED = 1e-9
-"""m or rad by which a constraint may be open: what Newton's method comes to, far below what any encoder sees."""
 
 
 class Linkages:
@@ -66,7 +65,7 @@ class Linkages:
         at, speed = np.array(begin), np.array(qvel)
         mujoco.mj_integratePos(self._model, at, self._way(begin, qpos, own), 1.0)
         open_, slopes = self._newton(at, own)
-        if not open_.size or np.max(np.abs(open_)) > _CLOSED:
+        if not open_.size or np.max(np.abs(open_)) > ROUNDED:  # m or rad: what Newton's method comes to
             return qpos, qvel
         speed[own] -= _least(slopes[:, own], slopes @ speed)
         return at, speed
@@ -83,7 +82,7 @@ class Linkages:
         move = np.zeros(self._model.nv)
         open_, slopes = self._constraints(qpos)
         for _ in range(_TURNS):
-            if np.max(np.abs(open_), initial=0.0) < 1e-3 * _CLOSED:
+            if np.max(np.abs(open_), initial=0.0) < 1e-3 * ROUNDED:
                 break
             move[own] = -_least(slopes[:, own], open_)
             mujoco.mj_integratePos(self._model, qpos, move, 1.0)
