@@ -17,6 +17,7 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.inspection.alignment import clock_errors
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import DESCENT
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -113,7 +114,7 @@ def found(
     result = calibrate(
         MujocoSimulator(model, space, quantities, step=step),
         recordings,
-        options=Options(select=select, cross_validate=False),
+        options=Options(select=select, cross_validate=False, stages=DESCENT),
     )
     return {e.name: e.value for e in result.estimates}, result
 
