@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from trueup.instant import at_instant
 from trueup.loop.descent import Watch
 from trueup.loop.fit import REFINEMENT, SEARCHES, fit
 from trueup.loop.problem import Problem
-from trueup.loop.weighing import Weighed, axes_of, curvature_of, design
+from trueup.loop.shoot import Starts
+from trueup.loop.weighing import Weighed, _Place, axes_of, curvature_of, design
 from trueup.loop.windows import in_windows
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -71,6 +73,42 @@ def test_where_nothing_around_can_be_simulated_there_are_no_slopes() -> None:
     assert Weighed.around(Failing(), SPACE, np.full(6, 0.5), axes, 3.5, rng).loss == np.inf
     assert Weighed.around(Failing(), SPACE, np.full(6, 0.6), axes, 3.5, rng).loss == np.inf
     assert np.isfinite(Weighed.around(Failing(), SPACE, np.full(6, 0.4), axes, 3.5, rng).loss)
+
+
+class Still:
+    """Starts that need no correction."""
+
+    def corrected(self, problem: Problem, values: Array) -> tuple[Still, float]:
+        return self, 0.0
+
+    def eliminated_from(self, problem: Problem, values: Array) -> Problem:
+        return problem
+
+
+def test_a_step_that_ends_higher_than_what_lies_around_is_shortened_or_not_taken() -> None:
+    space = SPACE.freeze(SPACE.names[1:])
+
+    class Bent(Cracked):
+        """Levels off to both sides of 0.3, so that a step from 0.5 ends beyond it as high as it began, and higher."""
+
+        def residuals(self, values: Array, only: object = None) -> Array:
+            return np.arctan(20.0 * (np.atleast_2d(values)[:, [0] * 100] - 0.3))
+
+    class Cliff(Cracked):
+        """Falls gently towards where it is high at once."""
+
+        def residuals(self, values: Array, only: object = None) -> Array:
+            first = np.atleast_2d(values)[:, [0] * 100]
+            return np.where(first > 0.52, 50.0, 1.5 - first)
+
+    def led(problem: Problem) -> float | None:
+        there = _Place.at(problem, cast(Starts, Still()), space, np.array([0.5]), 3.5)
+        weighed = Weighed.around(there.problem, space, there.unit, 0.01 * np.eye(1), 3.5, np.random.default_rng(5))
+        onward = there.onward(weighed, space, 3.5)
+        return None if onward is None else float(onward.unit[0])
+
+    assert led(Bent()) == 0.25
+    assert led(Cliff()) is None
 
 
 NAMES = {"base_position": ("x", "y", "z"), "base_orientation": ("roll", "pitch", "yaw")}

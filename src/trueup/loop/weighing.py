@@ -18,6 +18,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.problem import Problem
+from trueup.loop.shoot import Starts
 from trueup.loop.shooting import multiple_shooting
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import PRIOR
@@ -28,6 +29,8 @@ from trueup.search.robust import robust_losses, robust_weights
 
 _WIDE = 3.0
 """Standard deviations to either side."""
+_SHARES = (1.0, 0.5, 0.25)
+"""Of a step that are tried until one is no worse than what was found around the place before."""
 _TOGETHER, _MOST = 3, 18
 """Rounds whose means are compared, and are averaged once they fall no further; and rounds at most."""
 
@@ -94,45 +97,84 @@ def design(count: int, rng: np.random.Generator) -> Array:
     return np.sqrt(2.0) * np.cos(np.pi * rows * rng.permutation(np.arange(1, count + 1)) / (count + 1))
 
 
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A place to look around, with starts corrected for it."""
+
+    unit: Array
+    """(n,)"""
+    problem: Problem
+    starts: Starts
+    loss: float
+    """There; inf where it cannot be simulated."""
+
+    @classmethod
+    def at(cls, problem: Problem, starts: Starts, space: ParameterSpace, unit: Array, bend: float) -> _Place:
+        """With starts as they are."""
+        values = space.from_unit(unit)
+        problem = starts.eliminated_from(problem, values)
+        loss = float(robust_losses(problem.residuals(values[None]), bend)[0])
+        return cls(unit, problem, starts, loss if np.isfinite(loss) else np.inf)
+
+    def moved(self, space: ParameterSpace, unit: Array, bend: float) -> _Place:
+        """Another place, with starts corrected for it."""
+        starts, _ = self.starts.corrected(self.problem, space.from_unit(unit))
+        return _Place.at(self.problem, starts, space, unit, bend)
+
+    def onward(self, weighed: Weighed, space: ParameterSpace, bend: float) -> _Place | None:
+        """Where the step of these slopes leads, or half or a quarter of it: where replays are no worse than those around here
+        were. None if none of these is: slopes tell no more.
+        """
+        step = weighed.step() - self.unit
+        for share in _SHARES:
+            there = self.moved(space, self.unit + share * step, bend)
+            if there.loss <= weighed.loss:
+                return there
+        return None
+
+
 def weighing(run: Run) -> None:
     """Goes on from multiple shooting where what contacts carry is replayed in windows: starts and all else in turns.
 
     Designs differ from round to round, and so do the steps by them: what is kept is the mean of the last places (B. T.
     Polyak and A. B. Juditsky, SIAM J. Control and Optimization 30(4), 1992), and how these differ is part of what is unsure.
     It stays where it began if replays around that place are better; slopes are those over a stretch all the same. A fit that
-    was begun by such slopes takes two steps.
+    was begun by such slopes takes two steps. A step that ends higher than what lies around its beginning is shortened, as the
+    linearization does not reach so far (M. Raitoharju, L. Svensson, A. F. Garcia-Fernandez and R. Piche, IEEE Signal
+    Processing Letters 25(4), 2018, damp steps of the same kind).
     """
     fit = run.weighed or run.found
     if fit.starts is None or not run.problem.windowed or not carried(run.problem) or not len(fit.unit):
         return
     space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)
-    problem, starts, places = run.problem, fit.starts, [fit.unit]
-    axes, found = axes_of(curvature_of(fit.jacobian, fit.weights)), []
-    most, worth = (_MOST if run.weighed is None else _TOGETHER - 1), problem.chance(fit.residual) * len(fit.unit)
-    for k in range(most + 1):
-        ended = k == most or _level([one.loss for one, _, _ in found], worth)
-        at = np.mean(places[-_TOGETHER:], axis=0) if ended else places[-1]
-        if k:
-            starts, _ = starts.corrected(problem, space.from_unit(at))
-        problem = starts.eliminated_from(problem, space.from_unit(at))
-        weighed = Weighed.around(problem, space, at, axes, bend, rng)
-        run.descent.watch.saw("weighed together", problem, weighed.loss, problem.rmse(weighed.residual))
+    there = _Place.at(run.problem, fit.starts, space, fit.unit, bend)
+    axes, places, found, ended = axes_of(curvature_of(fit.jacobian, fit.weights)), [fit.unit], [], False
+    most, worth = (_MOST if run.weighed is None else _TOGETHER - 1), run.problem.chance(fit.residual) * len(fit.unit)
+    while True:
+        weighed = Weighed.around(there.problem, space, there.unit, axes, bend, rng)
+        run.descent.watch.saw("weighed together", there.problem, weighed.loss, there.problem.rmse(weighed.residual))
         if np.isfinite(weighed.loss):
-            found.append((weighed, starts, problem))
+            found.append((weighed, there))
         if ended or not np.isfinite(weighed.loss):
             break
         axes = axes_of(weighed.curvature)
-        places.append(weighed.step())
+        onward = there.onward(weighed, space, bend)
+        if onward is None:
+            break
+        places.append(onward.unit)
+        ended = len(found) == most or _level([one.loss for one, _ in found], worth)
+        there = there.moved(space, np.mean(places[-_TOGETHER:], axis=0), bend) if ended else onward
     if not found:
         if run.weighed is not None:  # nothing around where it was to go on can be simulated: the search of before
             run.weighed = None
             multiple_shooting(run)
         return
-    weighed, starts, run.problem = min((found[0], found[-1]), key=lambda one: one[0].loss)
+    weighed, there = min((found[0], found[-1]), key=lambda one: one[0].loss)
+    run.problem = there.problem
     run.descent.move(weighed.unit)
     run.ended = replace(
         fit, unit=weighed.unit, residual=weighed.residual, jacobian=weighed.slopes, weights=weighed.weights,
-        loss=float(robust_losses(weighed.residual[None], bend)[0]), near=None, starts=starts, shot=run.problem,
+        loss=float(robust_losses(weighed.residual[None], bend)[0]), near=None, starts=there.starts, shot=run.problem,
         weighed=True,
     )  # fmt: skip
     if run.weighed is None:
