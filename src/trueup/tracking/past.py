@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.errors import RecordingError
+from trueup.errors import ModelError, RecordingError
 from trueup.instant import usual_step
 from trueup.noise import spread
 from trueup.recording import Channel
@@ -24,6 +24,7 @@ _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as for
 PAST = 2.0  # s of the past over which the model is compared with the car
 MOVES = 0.2  # m/s: slower, the direction of motion and the curvature of the way say nothing
 _SLOWEST = 0.05  # m/s: what goes no faster stands, as far as a tracker shows
+_PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
 
@@ -111,6 +112,24 @@ class Past:
     def settle(self) -> int:
         """Steps of SETTLE."""
         return round(SETTLE / self.step)
+
+
+def stretches_begin(past: Past, trial: Trial, horizon: float) -> Integers:
+    """(S,) grid instants at which stretches begin: every `horizon` s, later where nothing was known then.
+
+    Raises ModelError where nothing is known in all that was measured; the first moments of a drive may show too little.
+    """
+    every = max(1, round(_PLACES / past.step))
+    last = past.index(trial.start + trial.duration)
+    places = np.arange(past.earliest, last + 1, every)
+    places = places[past.known[places]]
+    found: list[int] = []
+    for place in places.tolist():
+        if not found or (place - found[-1]) * past.step > horizon - 0.5 * past.step:
+            found.append(place)
+    if not found and trial.start + trial.duration > trial.initial["position"].time[-1] - past.step:
+        raise ModelError(f"trial '{trial.name}' never shows position and heading for long enough to start a prediction")
+    return np.array(found, dtype=np.int64)
 
 
 def first_state(drive: Past, least: float) -> Integers:

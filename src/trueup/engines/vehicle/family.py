@@ -16,11 +16,12 @@ from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import rolling, with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.look import Look
-from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both
+from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both, confirmed
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.remainder import unlike_commanded
 from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.engines.vehicle.share import shared
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ParameterError, RecordingError
@@ -96,28 +97,17 @@ class Vehicles(Family):
         Raises what `fit` raises, and RecordingError for drives without pose or command.
         """
         drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
-        space, far = simulator.parameters, max(HORIZONS)
-        if set(LASTING) <= set(space.names) and any(
-            len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), far, 1.0)) for d in drives
-        ):
-            own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
-            begun: list[Mapping[str, float]] = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
-            spaces = [space.freeze(LASTING, {n: at[n] for n in LASTING}) for at in begun]
-            slow = Look.at(drives).slow_wheel(simulator.vehicle)
-            spaces += [_begun_at(spaces[0], slow)] if slow else []
-            search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
-            starts = [simulator.with_parameters(s) for s in spaces]
-            every = [search(s, drives, others, again=k > 0) for k, s in enumerate(starts)]
-            found = with_shares(simulator, every, drives, others, search, begun)
-        else:
-            found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
-        noisy = begun_with_noise(simulator, found, drives, others, fit)
-        found, other = sorted((noisy, found), key=lambda c: astray(simulator, c.values, drives))
+        part, seen, said = shared(simulator, drives)
+        exact, noisy = _searched(part, seen, others if part is simulator else (), fit)
+        found, other = sorted((noisy, exact), key=lambda c: astray(simulator, c.values, drives))
+        if part is not simulator:
+            found = confirmed(simulator, found, found is not exact, drives, others, fit)
         horizons = horizons_for(simulator, [*drives, *others], HORIZONS)
         shown = (
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
         )
         notes = (
+            *said,
             *found.notes,
             *rolling(simulator.vehicle, {e.name: e.value for e in found.estimates}),
             *(sentence for each in shown for sentence in each),
@@ -167,6 +157,28 @@ class Vehicles(Family):
     def kinds(self, simulator: VehicleSimulator) -> tuple[tuple[str, str, int], ...]:
         """See Family."""
         return tuple((p.name, "car", 1) for p in simulator.parameters.parameters if not p.frozen)
+
+
+def _searched(
+    simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
+) -> tuple[Calibration, Calibration]:
+    """Calibrations by starts of predictions that are taken to be exact, and known but for their noise."""
+    space, far = simulator.parameters, max(HORIZONS)
+    if set(LASTING) <= set(space.names) and any(
+        len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), far, 1.0)) for d in drives
+    ):
+        own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
+        begun: list[Mapping[str, float]] = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
+        spaces = [space.freeze(LASTING, {n: at[n] for n in LASTING}) for at in begun]
+        slow = Look.at(drives).slow_wheel(simulator.vehicle)
+        spaces += [_begun_at(spaces[0], slow)] if slow else []
+        search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
+        starts = [simulator.with_parameters(s) for s in spaces]
+        every = [search(s, drives, others, again=k > 0) for k, s in enumerate(starts)]
+        found = with_shares(simulator, every, drives, others, search, begun)
+    else:
+        found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
+    return found, begun_with_noise(simulator, found, drives, others, fit)
 
 
 def slow_in_one_way(estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:

@@ -21,6 +21,8 @@ from trueup.recording import Recording
 ROUGHLY = ("first seconds", "all, coarse step")
 """Stages of a search that see a part of the recordings, or all roughly: one that goes on from where a fit of all of them
 has ended would be led away from there."""
+SEARCHED = (*ROUGHLY, "lines", "evolution", "profiles", "off bounds", "implicit filtering")
+"""Stages that look for lower places than slopes lead to: done, where a fit goes on from the same search of a part."""
 STARTS_MATTER = 0.1
 """Share of what samples of one prediction have in common from which noise of its start is eliminated."""
 
@@ -33,17 +35,45 @@ def begun_with_noise(
 
     Whether a speed follows late by a slow command or by a soft controller is told only then, so both are searched from.
     """
-    space, residuals = simulator.parameters, Ahead(simulator, drives).residuals(found.values, drives)
-    each = np.concatenate(residuals)
-    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=found.values)
+    residuals = Ahead(simulator, drives).residuals(found.values, drives)
+    measure = _with_noise(simulator, residuals, drives, found.values)
     if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
         return found
-    lasting = [n for n in LASTING if n in space.names]
-    held = simulator.with_parameters(space.freeze(lasting, dict(zip(space.names, found.values, strict=True))))
+    held = _held(simulator, found.values)
     how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}
     begun = [found.values, *_late_otherwise(held.parameters, found.values)]
     ended = [fit(held, drives, others, **how, start=values) for values in begun]
     return min(ended, key=lambda c: astray(simulator, c.values, drives))
+
+
+def confirmed(
+    simulator: VehicleSimulator, found: Calibration, noisy: bool, drives: Sequence[Recording],
+    others: Sequence[Recording], fit: Fit,
+) -> Calibration:  # fmt: skip
+    """A calibration with a share of the drives fitted to all of them from where it has ended, with noise of starts eliminated
+    where it is `noisy`.
+    """
+    measure = Ahead(simulator, drives)
+    if noisy:
+        measure = _with_noise(simulator, measure.residuals(found.values, drives), drives, found.values)
+    held = _held(simulator, found.values)
+    return fit(held, drives, others, discrepancy=measure, cross_validate=False, again=True, without=SEARCHED,
+               start=found.values)  # fmt: skip
+
+
+def _held(simulator: VehicleSimulator, values: Array) -> VehicleSimulator:
+    """With what `LASTING` names as it is in values (n,)."""
+    space = simulator.parameters
+    lasting = [n for n in LASTING if n in space.names]
+    return simulator.with_parameters(space.freeze(lasting, dict(zip(space.names, values, strict=True))))
+
+
+def _with_noise(
+    simulator: VehicleSimulator, residuals: Sequence[Array], drives: Sequence[Recording], values: Array
+) -> Ahead:
+    """The measure that eliminates noise of starts, at the level of residuals (M,) of each drive with values (n,)."""
+    each = np.concatenate(residuals)
+    return Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=values)
 
 
 def by_both(estimates: Sequence[Estimate], others: Sequence[Estimate]) -> tuple[Estimate, ...]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,14 +18,13 @@ from trueup.engines.vehicle.kernels import STATE
 from trueup.engines.vehicle.loops import drive_all, follow_rows, measure_all, read_all, replay_rows
 from trueup.engines.vehicle.reading import Ending, Orders, Reading
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
-from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
 from trueup.rounding import PRINTED, SAME_INSTANT, first_step
 from trueup.tracking.channels import CHANNELS, READ
 from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND, refuse_another_range
-from trueup.tracking.past import Past
+from trueup.tracking.past import Past, stretches_begin
 from trueup.tracking.start import start_state
 from trueup.tracking.wheels import as_driven, refuse_another_unit
 from trueup.trial import Trial
@@ -36,7 +35,6 @@ JetRacer predictions are off by a twentieth more with the coarser one)."""
 HORIZON = {"speed": np.inf, "throttle": 1.5, PURSUED: 3.0, TURNED: 3.0}
 """In s: a car under recorded throttle alone drifts away from any simulation, so that each stretch starts anew. Chosen on
 JetRacer: 3 s, each drive cut in three ways, did no better for three times the simulations."""
-_PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
 
 
 class VehicleSimulator:
@@ -69,13 +67,15 @@ class VehicleSimulator:
         self._threads = threads
         self._compiled = compiled
         self._pasts: WeakKeyDictionary[Trial, Past] = WeakKeyDictionary()
+        self._starts: WeakKeyDictionary[Trial, Integers] = WeakKeyDictionary()
+        self._shares: Mapping[str, Integers] = {}
 
     def __getstate__(self) -> dict[str, object]:
         """As it is sent to another process: with that one's threads, without what was read of this one's trials."""
-        return {**self.__dict__, "_pasts": None, "_threads": None}
+        return {**self.__dict__, "_pasts": None, "_starts": None, "_threads": None}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update({**state, "_pasts": WeakKeyDictionary()})
+        self.__dict__.update({**state, "_pasts": WeakKeyDictionary(), "_starts": WeakKeyDictionary()})
 
     @property
     def name(self) -> str:
@@ -86,7 +86,7 @@ class VehicleSimulator:
         """The same simulator with another step, in s."""
         twin = object.__new__(VehicleSimulator)
         twin.__dict__.update(self.__dict__)
-        twin.step, twin._pasts = step, WeakKeyDictionary()
+        twin.step, twin._pasts, twin._starts = step, WeakKeyDictionary(), WeakKeyDictionary()
         return twin
 
     def with_parameters(self, space: ParameterSpace) -> VehicleSimulator:
@@ -94,6 +94,12 @@ class VehicleSimulator:
         twin = object.__new__(VehicleSimulator)
         twin.__dict__.update(self.__dict__)
         twin.parameters = space
+        return twin
+
+    def predicting(self, shares: Mapping[str, Integers]) -> VehicleSimulator:
+        """The same simulator that predicts only these stretches (S,), by number, of trials with these names."""
+        twin = self.with_parameters(self.parameters)
+        twin._shares = shares
         return twin
 
     def with_vehicle(self, vehicle: Vehicle) -> VehicleSimulator:
@@ -193,10 +199,15 @@ class VehicleSimulator:
         in_threads(lambda i: replay_rows(rows[i], *how, out[i]), len(rows), self._threads or cores(), timed=True)
         return out
 
+    def starts(self, trial: Trial) -> Integers:
+        """(S,) grid instants at which the stretches of a trial begin, predicted or not."""
+        if trial not in self._starts:
+            self._starts[trial] = stretches_begin(self.past(trial), trial, self.horizon)
+        return self._starts[trial]
+
     def _stretches(self, trial: Trial, times: Array) -> tuple[Array, Integers, Integers]:
-        """(T,) time since the stretch that holds each instant began; its number; (S,) where stretches begin."""
-        past = self.past(trial)
-        starts = _starts(past, trial, self.horizon)
+        """(T,) time since the stretch that holds each instant began; its number; (S,) where predicted ones begin."""
+        past, starts, wanted = self.past(trial), self.starts(trial), self._shares.get(trial.name)
         if not len(starts):
             return np.full(len(times), np.nan), np.zeros(len(times), dtype=np.int64), starts
         stretch = np.clip(
@@ -205,6 +216,10 @@ class VehicleSimulator:
         since = times - past.begin - past.step * starts[stretch]
         # Before the first start, and after a gap until enough is known again, there is no prediction to be judged.
         told = (since > -SAME_INSTANT) & (since < self.horizon + 1.5 * past.step)
+        if wanted is not None:
+            wanted = wanted[wanted < len(starts)]
+            told &= np.isin(stretch, wanted)
+            stretch, starts = np.clip(np.searchsorted(wanted, stretch, side="right") - 1, 0, None), starts[wanted]
         return np.where(told, np.clip(since, 0.0, self.horizon), np.nan), stretch, starts
 
     def moved_by_speed(self, trial: Trial, values: Array, faster: float) -> dict[str, Array]:
@@ -267,24 +282,6 @@ class VehicleSimulator:
             orders[:, n] = controller.command(look)
             drive_all(rows, ending.alive, start, orders, n, substeps, self.step, state, history)
         read_all(rows, history, ticks * substeps, self.step, times, noise, substeps * self.step, out)
-
-
-def _starts(past: Past, trial: Trial, horizon: float) -> Integers:
-    """(S,) grid instants at which stretches begin: every `horizon` s, later where nothing was known then.
-
-    Raises ModelError where nothing is known in all that was measured; the first moments of a drive may show too little.
-    """
-    every = max(1, round(_PLACES / past.step))
-    last = past.index(trial.start + trial.duration)
-    places = np.arange(past.earliest, last + 1, every)
-    places = places[past.known[places]]
-    found: list[int] = []
-    for place in places.tolist():
-        if not found or (place - found[-1]) * past.step > horizon - 0.5 * past.step:
-            found.append(place)
-    if not found and trial.start + trial.duration > trial.initial["position"].time[-1] - past.step:
-        raise ModelError(f"trial '{trial.name}' never shows position and heading for long enough to start a prediction")
-    return np.array(found, dtype=np.int64)
 
 
 def _first_look(trial: Trial, rows: Array, start: Array) -> Observation:
