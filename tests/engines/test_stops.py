@@ -73,3 +73,30 @@ def test_none_is_invented_nor_added_where_it_was_refused(gantry: Path) -> None:
     known = gantry.with_name("known.xml")
     known.write_text(GANTRY.format(kp=300, range=f'range="-120 {np.degrees(STOP):.6f}"'), encoding="utf-8")
     assert not [d for d in prepare(known, [record("a", 0, stop=True)]).diagnoses if d.name == "stops"]
+
+
+CRAWLER = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="5 5 .1"/>
+<body name="base" pos="0 0 .1"><freejoint/><geom type="box" size=".2 .2 .1" mass="9"/><body pos=".25 0 .05">
+<joint name="arm" axis="0 1 0" damping=".05" armature=".01"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".3"/>
+</body></body></worldbody><actuator><position name="arm" joint="arm" kp="15"/></actuator></mujoco>"""
+
+
+def test_what_the_floor_stops_of_a_robot_that_stands_on_it_is_no_hard_stop(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(CRAWLER)
+    data, time, rows = mujoco.MjData(model), 0.01 * np.arange(800), []
+    told = 0.8 * np.sin(2.0 * time)
+    for command in told:
+        rows.append(data.qpos.copy())
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, 5)
+    seen = np.array(rows) + 2e-4 * np.random.default_rng(0).standard_normal((800, 8))
+    assert np.sum(told - seen[:, 7] > 0.1) > 100, "the floor is in the way"
+    channels = (
+        Channel("command", ("arm",), "rad", time, told[:, None]),
+        Channel("position", ("arm",), "rad", time, seen[:, 7:]),
+        Channel("base_position", ("x", "y", "z"), "m", time, seen[:, :3]),
+        Channel("base_orientation", ("w", "x", "y", "z"), "", time, seen[:, 3:7]),
+    )
+    (tmp_path / "crawler.xml").write_text(CRAWLER, encoding="utf-8")
+    ready = prepare(tmp_path / "crawler.xml", [Recording("crawl", {c.name: c for c in channels})])
+    assert not [d for d in ready.diagnoses if d.name == "stops"]

@@ -278,7 +278,9 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
     found = {d.name: d.unless(refuse) for d in (*seen, stamped_late(request.clocks)) if d is not None}
     height = found["floor"].numbers["height"] if "floor" in found and not found["floor"].refused else None
     ranges = {joint: way.range or (-np.inf, np.inf) for joint, way in ways(model).items()}
-    if "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
+    # Nor are they hard stops: legs of a robot that stands are stopped by what it weighs, and by one another.
+    stands = free_joint(model.compiled) >= 0
+    if not stands and "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
         found["stops"] = stops.unless(refuse)
     stopped = {} if "stops" not in found or found["stops"].refused else found["stops"].numbers
     clocks = {} if "clock" in refuse else request.clocks
