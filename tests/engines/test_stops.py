@@ -83,7 +83,7 @@ CRAWLER = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" siz
 
 def test_what_the_floor_stops_of_a_robot_that_stands_on_it_is_no_hard_stop(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string(CRAWLER)
-    data, time, rows = mujoco.MjData(model), 0.01 * np.arange(800), []
+    data, time, rows = mujoco.MjData(model), np.linspace(0.0, 7.99, 800), []
     told = 0.8 * np.sin(2.0 * time)
     for command in told:
         rows.append(data.qpos.copy())

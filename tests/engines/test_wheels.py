@@ -327,3 +327,11 @@ def test_a_dead_zone_is_refused_where_wheels_are_not_told_shares() -> None:
     assert Vehicle(
         "robot", TRACK, drive=TURNED, wheels=SIZES, full=(500.0, -500.0), values={"wheel_dead": 0.1}
     ).told_shares
+
+
+def test_three_wheels_that_are_told_one_by_one_are_said_to_drive_sideways() -> None:
+    time = np.linspace(0.0, 5.0, 101)
+    told = np.stack([np.sin(time), np.cos(time), np.sin(2.0 * time)], axis=1)
+    log = Recording("omni", {"command": Channel("command", ("w1", "w2", "w3"), "rad/s", time, told)})
+    with pytest.raises(RecordingError, match=r"found: w1, w2, w3.*three omni wheels.* is not simulated"):
+        driven_by(log)
