@@ -376,3 +376,49 @@ def test_a_car_that_brakes_by_a_throttle_below_zero_is_not_judged_where_it_backs
     assert "driving backwards" in kept.provenance["warnings"]
     pursuing = VehicleSimulator(Vehicle("car", 0.3, drive="pursued speed")).prepared(drive)
     assert np.isfinite(pursuing.channel("position").values).all()
+
+
+def _steered(front: bool, most: float) -> Recording:
+    """A minute of a vehicle that steers by up to `most` rad and whose front or rear wheels are told a speed."""
+    rng, step, (x, y, psi, v, angle) = np.random.default_rng(4), 0.002, np.zeros(5)
+    rows, told = [], np.zeros(2)
+    for k in range(30_000):
+        if k % 900 == 0:
+            told = rng.uniform([0.4, -most], [1.4, most])
+        if k % 25 == 0:
+            rows.append([k * step, *told, *(np.array([x, y, psi]) + rng.normal(0.0, [3e-3, 3e-3, 4e-3]))])
+        v += step * 4.0 * (told[0] - v)
+        angle += step / 0.15 * (told[1] - angle)
+        ahead, turn = (v * np.cos(angle), v * np.sin(angle)) if front else (v, v * np.tan(angle))
+        psi += step * turn / 1.2
+        x, y = x + step * ahead * np.cos(psi), y + step * ahead * np.sin(psi)
+    table = np.array(rows)
+    channels = (
+        Channel("command", ("speed", "steering"), "", table[:, 0], table[:, 1:3], ("m/s", "rad")),
+        Channel("position", ("x", "y"), "m", table[:, 0], table[:, 3:5]),
+        Channel("heading", ("heading",), "rad", table[:, 0], table[:, 5:]),
+    )
+    return Recording("drive", {c.name: c for c in channels})
+
+
+@pytest.mark.parametrize(("front", "most"), [(True, 1.1), (False, 1.1), (False, 0.4)])
+def test_a_steered_wheel_that_is_told_the_speed_is_recognised_by_the_motion(
+    front: bool, most: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "tricycle.toml"
+    path.write_text("[vehicle]\nwheelbase = 1.2\n")
+    drive = _steered(front, most)
+    ready = prepare(path, [drive])
+    assert isinstance(ready.simulator, VehicleSimulator)
+    assert ready.simulator.vehicle.driven == ("front" if front else "")
+    assert any("steered wheel" in note for note in ready.notes) == front
+    told = ready.simulator.prepared(drive).channel("command").values
+    commanded = drive.channel("command").values
+    expected = commanded[:, 0] * (np.cos(commanded[:, 1]) if front else 1.0)
+    np.testing.assert_allclose(told[:, 0], expected)
+    write_vehicle(ready.simulator.vehicle, path)
+    assert read_vehicle(path).driven == ready.simulator.vehicle.driven
+    path.write_text('[vehicle]\nwheelbase = 1.2\ndriven = "rear"\n')
+    declared = prepare(path, [drive]).simulator
+    assert isinstance(declared, VehicleSimulator)
+    np.testing.assert_allclose(declared.prepared(drive).channel("command").values[:, 0], commanded[:, 0])

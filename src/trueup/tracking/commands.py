@@ -127,6 +127,16 @@ def refuse_another_range(
     )
 
 
+def by_unsteered_axle(recording: Recording) -> Recording:
+    """A prepared recording of a vehicle whose steered wheel is told a speed (a tricycle's, a fork lift's): with the speed of
+    its unsteered axle, which is less by the cosine of the angle.
+    """
+    command = recording.channel("command").select(COMMAND)
+    values = np.array(command.values)
+    values[:, 0] *= np.cos(values[:, 1])
+    return recording.with_channel(command.replace(values=values))
+
+
 def told_to_turn(recording: Recording) -> bool:
     """Whether a turn rate is commanded beside a speed, and no steering."""
     found = set(signals(recording))

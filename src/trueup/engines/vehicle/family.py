@@ -22,7 +22,7 @@ from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.remainder import unlike_commanded
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.share import shared
-from trueup.engines.vehicle.vehicle import Vehicle
+from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ParameterError, RecordingError
 from trueup.parameters import ParameterSpace
@@ -38,6 +38,11 @@ BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
 """Values of `LASTING` from which a car is searched: as cars on a floor mostly are, and one that does what its model does, at
 the speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are searched
 with the first are bent to that, and to the lag of the last samples where the speed changes."""
+
+FRONT = (
+    "speeds are commanded of the steered wheel, as of a tricycle: the unsteered axle is slower, by the cosine of the angle "
+    "(driven = 'front'; say driven = 'rear' in the file if not)"
+)
 
 
 class Vehicles(Family):
@@ -229,6 +234,12 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     plain = VehicleSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     look = Look.at(drives)
+    if car.drive == PURSUED and car.in_si and not car.driven and look.driven_by_the_steered_wheel():
+        car = replace(car, driven="front")
+        plain = VehicleSimulator(car)
+        drives = [plain.prepared(r) for r in recordings]
+        look = Look.at(drives)
+        taken = (*taken, FRONT)
     calm = {name: why for name, why in look.unseen().items() if name in car.names and car.quantity(name).free}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     # Nobody evens out wheels that are told one by one; what is told as a share is a motor's voltage.

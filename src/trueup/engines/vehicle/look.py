@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Integers
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError
-from trueup.evidence import STANDARD_ERRORS
+from trueup.evidence import FEWEST_PARTS, HALVED, STANDARD_ERRORS, evidence, without_each
 from trueup.noise import spread
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
@@ -23,6 +23,8 @@ from trueup.trial import Trial
 
 LATE = 0.12
 """In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""
+_BLOCK = 5.0
+"""s that are left out together: longer than a speed's errors last."""
 _SLIDES = 3.0
 """In m/s^2 sideways, a third of g. Below it a car hardly slips: its understeer is less than the play of a steering, so that a
 fit would bend it to mend something else, and be far off in the first fast curve. Chosen on JetRacer."""
@@ -100,6 +102,34 @@ class Look:
             if min(drive, loss) > 0.0:
                 starts |= {"drive": drive, "friction": friction, "speed_loss": loss, "curve_loss": curves}
         return starts
+
+    def driven_by_the_steered_wheel(self) -> bool:
+        """Whether commanded speeds are those of a steered wheel: left-out speeds, with a lag, are foretold clearly better by
+        these times the cosine of the angle, which halves the error that any share of what it takes off would mend. Losses in
+        curves are of the same form, but as large by chance only.
+        """
+        count = round(len(self.speed) * LATE / _BLOCK)
+        if count < FEWEST_PARTS:
+            return False
+        parts = np.array_split(np.arange(len(self.speed)), count)
+        slower = self.throttle * np.cos(self.steering)
+        plain, steered, any_share = (
+            self._left_out(np.stack([*told, self.gained], axis=1), parts)
+            for told in ((self.throttle,), (slower,), (self.throttle, slower))
+        )
+        left, mended = (float(np.mean(e**2 - any_share**2)) for e in (steered, plain))
+        return evidence(plain, steered, plain**2 + steered**2).holds and left < HALVED**2 * mended
+
+    def _left_out(self, table: Array, parts: Sequence[Integers]) -> Array:
+        """(B,) errors in m/s of the speed in each part, by a regression on `table` (n, k) without it."""
+        grams = np.array([table[p].T @ table[p] for p in parts])
+        sums = np.array([table[p].T @ self.speed[p] for p in parts])
+        found = [
+            np.linalg.lstsq(g, s, rcond=None)[0] for g, s in zip(without_each(grams), without_each(sums), strict=True)
+        ]
+        return np.array(
+            [np.sqrt(np.mean((self.speed[p] - table[p] @ c) ** 2)) for p, c in zip(parts, found, strict=True)]
+        )
 
     def slow_wheel(self, car: Vehicle) -> dict[str, float]:
         """Other start values of the steering, where a wheel of limited speed is nearest to what was seen; else nothing.

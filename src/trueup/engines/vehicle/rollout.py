@@ -23,7 +23,7 @@ from trueup.recording import Recording
 from trueup.rounding import PRINTED, SAME_INSTANT, first_step
 from trueup.tracking.channels import CHANNELS, READ
 from trueup.tracking.cleaned import cleaned
-from trueup.tracking.commands import COMMAND, refuse_another_range
+from trueup.tracking.commands import COMMAND, by_unsteered_axle, refuse_another_range
 from trueup.tracking.past import Past, stretches_begin
 from trueup.tracking.start import start_state
 from trueup.tracking.wheels import as_driven, refuse_another_unit
@@ -134,7 +134,8 @@ class VehicleSimulator:
             refuse_another_unit(recording, v.full)
         elif v.drive == "throttle":
             refuse_another_range(recording, v.middle, v.full, v.steered_over)
-        return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues, headings=v.headings)
+        clean = cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues, headings=v.headings)
+        return by_unsteered_axle(clean) if v.driven == "front" else clean
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

@@ -57,6 +57,8 @@ class Vehicle:
     """Whether its commands are known to be m/s and rad, so that a car of which nothing else is known can drive them."""
     declared: bool = True
     """Whether its file says what is commanded; recordings tell it otherwise."""
+    driven: str = ""
+    """Which axle is told the speed, 'rear' or the steered one, 'front'; '': what recordings tell, else 'rear'."""
     headings: Mapping[Source, Sense] = field(default_factory=dict)
     """In which sense its recordings tell the heading, by where it comes from; of the others each is asked alone."""
 

@@ -37,6 +37,7 @@ class _VehicleFile:
     wheelbase: float | None = None
     name: str | None = None
     drive: Literal["throttle", "speed", "turn"] | None = None
+    driven: Literal["", "rear", "front"] = ""
     enabled_by: str = ""
     middle: tuple[float, float] = (0.0, 0.0)
     full: tuple[float, float] | None = None
@@ -74,6 +75,7 @@ def read_vehicle(path: str | Path) -> Vehicle:
     return Vehicle(
         name=where.stem if given.name is None else given.name, wheelbase=wheelbase, values=known, drive=drive,
         wheels=wheels, declared=given.drive is not None or wheels is not None, enabled_by=given.enabled_by,
+        driven=given.driven,
         middle=given.middle, full=given.full,
     )  # fmt: skip
 
@@ -87,6 +89,8 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         *_sizes(vehicle),
         f'drive = "{said}"  # commands: {_SHARES if vehicle.told_shares else _COMMANDS[said]}',
     ]
+    if vehicle.driven:
+        lines.append(f'driven = "{vehicle.driven}"  # the axle whose speed is commanded; the front one is steered')
     if vehicle.enabled_by:
         lines.append(f"enabled_by = {quoted(vehicle.enabled_by)}")
     if vehicle.full:
