@@ -54,7 +54,6 @@ class _Looked:
     parts: Sequence[Rows]
     speeds: Sequence[Array]
     """(S, n) of each log, without sign."""
-    accelerations: Sequence[Array]
     active: Integers
     """Columns of the model that torque can tell apart."""
     body: Integers
@@ -129,22 +128,25 @@ class _Looked:
         return free
 
     def standing_out(self, inside: Sequence[Mask]) -> tuple[list[_Stretch], float]:
-        """Stretches that are far off a fit to the samples `inside`, and how far all else is at most."""
+        """Stretches that are far off a fit to the samples `inside`, and how far all else is at most.
+
+        Friction of another form leaves more than is usual at every reversal: where that joins what stands out to most of a
+        recording, `FAR` times what is usual parts stretches.
+        """
         off = [t.max(axis=1) for t in self.times(inside)]
-        found = [
-            (k, *ends)
-            for k, (own, r) in enumerate(zip(off, self.parts, strict=True))
-            for ends in joined(own > USUAL, r.time)
-        ]
-        free, rest = self.outside(found), USUAL
-        sizes = {(k, a, b): float(off[k][a : b + 1].max()) / self._unusual((k, a, b), free) for k, a, b in found}
-        while True:
-            which, least = outstanding(list(sizes.values()), rest)
-            far = [list(sizes)[i] for i in which]
-            lasting = [s for s in far if self._share([t for t in far if t[0] == s[0]]) > _MOST]
-            if not lasting:
-                return sorted(far), least
-            rest = max(rest, *(sizes.pop(s) for s in lasting))
+        for level in (USUAL, FAR * USUAL):
+            found, rest = self._beyond(off, level)
+            if all(self._share([s for s in found if s[0] == k]) <= _MOST for k, _, _ in found):
+                return found, rest
+        return [], rest
+
+    def _beyond(self, off: Sequence[Array], level: float) -> tuple[list[_Stretch], float]:
+        """Of the stretches in which joints are off by more than a level those that stand out, and how far the others are."""
+        every = [(k, *ends) for k, own in enumerate(off) for ends in joined(own > level, self.parts[k].time)]
+        free = self.outside(every)
+        sizes = [float(off[k][a : b + 1].max()) / self._unusual((k, a, b), free) for k, a, b in every]
+        which, rest = outstanding(sizes, level)
+        return sorted(every[i] for i in which), rest
 
     def _share(self, stretches: Sequence[_Stretch]) -> float:
         """Of their recording that these stretches last."""
@@ -152,16 +154,12 @@ class _Looked:
         return sum(float(time[b] - time[a]) for _, a, b in stretches) / float(time[-1] - time[0])
 
     def _unusual(self, stretch: _Stretch, free: Sequence[Mask]) -> float:
-        """How many times as fast as in the samples `free` some joint is in a stretch, or speeds up; at least 1."""
+        """How many times as fast as in the samples `free` some joint is in a stretch, squared as torque of inertia grows with
+        a motion's pace; at least 1. Accelerations are not asked: what touches changes them.
+        """
         k, first, last = stretch
-        most = (
-            (
-                x[k][first : last + 1].max(axis=0),
-                np.concatenate([v[f] for v, f in zip(x, free, strict=True)]).max(axis=0),
-            )
-            for x in (self.speeds, self.accelerations)
-        )
-        return max(1.0, *(float((there / np.maximum(rest, TINY)).max()) for there, rest in most))
+        rest = np.concatenate([v[f] for v, f in zip(self.speeds, free, strict=True)]).max(axis=0)
+        return max(1.0, float((self.speeds[k][first : last + 1].max(axis=0) / np.maximum(rest, TINY)).max()) ** 2)
 
     def found(self) -> tuple[list[_Stretch], float]:
         """Stretches that stand out from a fit to all else, and from every fit that takes one of them in."""
@@ -240,9 +238,9 @@ def _looked(logs: Sequence[Log], tree: KinematicTree, drives: Drives) -> _Looked
         pieces = [pieces_of(m, model, slow_cutoff(x.rate), 0.0)[0] for m, x in zip(motions, logs, strict=True)]
     except IdentificationError:
         return None
-    speeds, accelerations = ([np.abs(getattr(p.motion, x)) for p in pieces] for x in ("v", "a"))
+    speeds = [np.abs(p.motion.v) for p in pieces]
     last = 10 * (tree.n - 1) + np.arange(10)
-    return _Looked(logs, [p.rows for p in pieces], speeds, accelerations, active, last)
+    return _Looked(logs, [p.rows for p in pieces], speeds, active, last)
 
 
 def _laden(rows: Rows, body: Integers, where: Mask) -> Rows:
