@@ -91,8 +91,8 @@ def beside_file(logs: Sequence[Log], tree: KinematicTree) -> list[str]:
         return []
     return [
         f"the torque that links ask of {listed(list(apart))} is {_times(apart, _LINKS)} times what the model file says: is "
-        "the gear ratio, the torque constant or the unit there another one, or does the arm carry what the file lacks? If "
-        "the file's masses are made up, nothing is wrong"
+        "the gear ratio, the torque constant or the unit there another one, does the arm carry what the file lacks, or does "
+        "a counterweight or a spring carry the arm? If the file's masses are made up, nothing is wrong"
     ]
 
 
