@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.instant import at_instant
+from trueup.instant import at_instant, usual_step
 from trueup.recording import Channel
 
 Array = NDArray[np.float64]
@@ -69,3 +69,17 @@ def test_missing_samples_and_labels_are_no_state() -> None:
     found = at_instant(Channel("position", ("a", "b"), "rad", TIME, values), None, 0.0)
     assert found.value[0] == pytest.approx(0.0, abs=1e-4)
     assert np.isnan(found.value[1])
+
+
+@pytest.mark.parametrize("rate", [60.0, 90.0, 125.0, 240.0])
+def test_stamps_in_whole_milliseconds_have_the_rate_at_which_they_were_taken(rate: float) -> None:
+    time = np.round(np.arange(0.0, 20.0, 1.0 / rate), 3)
+    paused = np.concatenate([time, time + 25.0])
+    for stamps in (time, paused):
+        assert 1.0 / usual_step(stamps) == pytest.approx(rate, rel=1e-3)
+
+
+def test_samples_that_were_lost_do_not_change_the_usual_step() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0.0, 20.0, 0.01)[rng.uniform(size=2000) > 0.2]
+    assert usual_step(time) == pytest.approx(0.01)

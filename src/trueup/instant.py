@@ -39,8 +39,12 @@ class Instant:
 
 
 def usual_step(time: Array) -> float:
-    """The usual time between samples at (T,) instants, in s: the median, which gaps and jitter do not move."""
-    return float(np.median(np.diff(time)))
+    """The usual time between samples at (T,) instants, in s, which gaps do not move: the mean of all that is within half the
+    median of it, since of stamps in whole milliseconds the median is one as well (17 ms of 60 Hz).
+    """
+    steps = np.diff(time)
+    middle = float(np.median(steps))
+    return float(np.mean(steps[np.abs(steps - middle) <= 0.5 * abs(middle)])) if np.isfinite(middle) else middle
 
 
 def samples_of_cubic(step: float) -> int:

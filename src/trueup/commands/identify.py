@@ -85,6 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--torque", default="", metavar="WHICH",
                         help="the torque that is fitted, where a log holds several (measured, commanded, computed): a "
                              "channel or columns, as the message lists them")  # fmt: skip
+    parser.add_argument("--refuse", nargs="+", action="extend", default=[], metavar="NAME",
+                        help="disturbed: stretches in which something acted on the arm are not left out")  # fmt: skip
     parser.add_argument("--no-consistent", dest="consistent", action="store_false",
                         help="no physically possible bodies, and so no model file")  # fmt: skip
 
@@ -138,7 +140,7 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
         except ValueError:
             raise IdentificationError(f"--align {args.align}: choices are auto, off, or a number of seconds") from None
     made = Options(cutoff=args.cutoff, align=align, hold_out=share, structure=args.friction,  # type: ignore[arg-type]
-                   consistent=args.consistent, gains=args.gains, seed=args.seed)  # fmt: skip
+                   consistent=args.consistent, gains=args.gains, refuse=tuple(args.refuse), seed=args.seed)  # fmt: skip
     return made, names
 
 

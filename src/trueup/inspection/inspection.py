@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.inspection.suspicions import suspicions
+from trueup.instant import usual_step
 from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import PRINTED
@@ -163,11 +164,11 @@ def _extreme(values: Array, which: np.ufunc) -> Array:
 
 
 def clock_of(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
-    """Median rate in Hz, jitter in s and gaps of instants (T,)."""
+    """Usual rate in Hz, jitter in s and gaps of instants (T,)."""
     steps = np.diff(time)
     if not steps.size:
         return float("nan"), 0.0, ()
-    usual = float(np.median(steps))
+    usual = usual_step(time)
     # Where the steps scatter widely anyway, only what stands out of that scatter is a gap.
     limit = max(_GAP * usual, usual + 6.0 * float(spread(steps - usual)))
     late = np.flatnonzero(steps > limit)

@@ -15,25 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from trueup.arrays import Array, Mask
+from trueup.arrays import Array
 from trueup.calibration import Replay
 from trueup.inspection.inspection import Gap
+from trueup.inspection.outstanding import joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG, USUAL
 from trueup.inspection.repeats import BASE
 from trueup.loop.problem import Problem
 from trueup.noise import OF_MEDIAN
 from trueup.recording import Recording
-from trueup.samples import stretches_of
 from trueup.trial import command_of
 
 NAME = "disturbed"
 """By which leaving such stretches out may be refused."""
 _JOINTS = "position"
 """The channel in which it is seen."""
-_FAR = 5.0
-"""Times how far joints are off anywhere else. In logs of real robots on which nothing acted the largest error is up to 2.8
-times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3); a table in the way, or a push of 60 N, are 10 to 100."""
 _SHORT = 0.1 * LONG
 """s over which speeds of commands are told apart."""
 _LEAST = 1e-3
@@ -166,7 +163,7 @@ def seen_by(problem: Problem, values: Array) -> list[Seen]:
             time = problem.trials[s.trial].observed[s.channel].time
             off = np.where(s.mask, np.abs(s.shaped(residual)), np.nan)
             parts.setdefault((s.recording, s.labels), []).append((time, off, s.scale))
-    joined = [
+    together = [
         Seen(
             problem.recordings[k],
             labels,
@@ -176,7 +173,7 @@ def seen_by(problem: Problem, values: Array) -> list[Seen]:
         )
         for (k, labels), own in parts.items()
     ]
-    return joined if np.isfinite(residual).all() else []
+    return together if np.isfinite(residual).all() else []
 
 
 def seen_in(replays: Sequence[Replay], recordings: Sequence[Recording]) -> list[Seen]:
@@ -201,7 +198,9 @@ def disturbed(every: Sequence[Seen]) -> LeftOut:
     """
     if any(one.recording.has(name) for one in every for name in BASE):
         return LeftOut()
-    found, rest = _outstanding(*_stretches(every))
+    stretches, usual = _stretches(every)
+    which, rest = outstanding([s.excess for s in stretches], usual)
+    found = sorted((stretches[k] for k in which), key=lambda s: s.first)
     own = {s.seen.recording.name: [t for t in found if t.seen is s.seen] for s in found}
     gaps = {name: [(s.gap.start, s.gap.duration) for s in stretches] for name, stretches in own.items()}
     notes = tuple(
@@ -219,7 +218,7 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
     found, rest = list[_Stretch](), USUAL
     for one in every:
         times = np.nan_to_num(one.off) / np.array([usual[label] for label in one.labels])
-        own = _joined(np.any(times > USUAL, axis=1), one.time)
+        own = joined(np.any(times > USUAL, axis=1), one.time)
         lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > _MOST * float(one.time[-1] - one.time[0])
         for first, last in own:
             most = times[first : last + 1].max(axis=0)
@@ -229,16 +228,6 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
             else:
                 found.append(_Stretch(one, first, last, most, float(most.max()) / _unusual(every, one, first, last)))
     return found, rest
-
-
-def _joined(far: Mask, time: Array) -> list[tuple[int, int]]:
-    """First and last of the samples of each stretch, those that are less than `LONG` apart as one."""
-    joined: list[tuple[int, int]] = []
-    for begin, end in stretches_of(far).tolist():
-        if joined and time[begin] - time[joined[-1][1]] < LONG:
-            begin = joined.pop()[0]
-        joined.append((begin, end - 1))
-    return joined
 
 
 def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
@@ -256,16 +245,6 @@ def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
         inside = seen.asked[first : last + 1, :, way].max(axis=0)
         ratios += [float(v) / max(most[label], _LEAST) for label, v in zip(seen.commands, inside, strict=True)]
     return max(ratios)
-
-
-def _outstanding(found: Sequence[_Stretch], rest: float) -> tuple[list[_Stretch], float]:
-    """Those of the stretches that stand out from all that is less, and how far joints are off there."""
-    ordered = sorted(found, key=lambda s: -s.excess)
-    for k in reversed(range(len(ordered))):
-        least = max([rest, *(s.excess for s in ordered[k + 1 :])])
-        if ordered[k].excess > _FAR * least:
-            return sorted(ordered[: k + 1], key=lambda s: s.first), least
-    return [], rest
 
 
 def _by_label(

@@ -408,7 +408,7 @@ def test_accelerations_that_are_noise_are_cut_off_however_fast_the_ends_of_a_log
     time = np.arange(800) / 100.0
     slow = 0.4 * np.sin(2.0 * np.pi * np.array([0.17, 0.21, 0.23, 0.29]) * time[:, None])  # cut on the move
     noise = np.random.default_rng(1).normal(size=slow.shape)
-    logs: list[Any] = [SimpleNamespace(position=slow + n * noise, rate=100.0) for n in (2e-5, 1e-3)]
+    logs: list[Any] = [SimpleNamespace(position=slow + n * noise, rate=100.0, gaps=()) for n in (2e-5, 1e-3)]
     clean, found = (natural_cutoff([log]) for log in logs)
     assert clean >= 10.0, "the jump from one end to the other counts as fast motion"
     assert 5.0 <= found < 0.7 * clean

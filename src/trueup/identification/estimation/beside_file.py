@@ -13,6 +13,7 @@ from trueup.errors import ModelError, listed
 from trueup.evidence import STANDARD_ERRORS, jackknife, without_each
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.filtering import slow_cutoff
+from trueup.identification.estimation.missing import clear_of
 from trueup.identification.estimation.motion import Log
 from trueup.identification.estimation.pool import BASIC
 from trueup.identification.estimation.selection import TIME_BLOCKS
@@ -90,8 +91,8 @@ def beside_file(logs: Sequence[Log], tree: KinematicTree) -> list[str]:
         return []
     return [
         f"the torque that links ask of {listed(list(apart))} is {_times(apart, _LINKS)} times what the model file says: is "
-        "the gear ratio, the torque constant or the unit there another one, or does the arm carry what the file lacks? If "
-        "the file's masses are made up, nothing is wrong"
+        "the gear ratio, the torque constant or the unit there another one, does the arm carry what the file lacks, or does "
+        "a counterweight or a spring carry the arm? If the file's masses are made up, nothing is wrong"
     ]
 
 
@@ -117,7 +118,9 @@ def _times(joints: dict[str, _Beside], what: int) -> str:
 def _compared(logs: Sequence[Log], tree: KinematicTree) -> dict[int, _Beside]:
     """Each joint's torque as multiples of what the file says of weight and of inertia, beside a rotor and friction."""
     motions = [log.motion(slow_cutoff(log.rate), measured_speed=False) for log in logs]
-    q, v, a, torque = (np.concatenate([getattr(m, x) for m in motions]) for x in ("q", "v", "a", "torque"))
+    q, v, a, torque = (
+        np.concatenate([getattr(m, x)[clear_of(m.gaps, m.time)] for m in motions]) for x in ("q", "v", "a", "torque")
+    )
     links = inverse_dynamics(tree, tree.inertial, q, v, a)
     weight = inverse_dynamics(tree, tree.inertial, q, np.zeros_like(v), np.zeros_like(a))
     found = {}

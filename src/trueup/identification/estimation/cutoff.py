@@ -9,8 +9,10 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.identification.estimation.filtering import derivative, slow_cutoff
+from trueup.identification.estimation.missing import clear_of
 from trueup.identification.estimation.motion import Log
 from trueup.rounding import TINY
+from trueup.samples import between
 
 _NOISY = 0.1  # share of accelerations that noise may be
 _NEAR = 25
@@ -49,7 +51,7 @@ def _speed_power(log: Log) -> tuple[Array, Array, Array]:
 
     Differences of noisy positions hold ever more power towards high frequencies; it is not motion.
     """
-    v = derivative(log.position, log.rate)
+    v = _bridged(derivative(log.position, log.rate), log)
     power = np.abs(np.fft.rfft(v - v.mean(axis=0), axis=0)) ** 2
     frequency = np.asarray(np.fft.rfftfreq(len(v), 1.0 / log.rate), dtype=np.float64)
     differences = (log.rate * np.sin(2.0 * np.pi * frequency / log.rate))[:, None] ** 2
@@ -61,3 +63,13 @@ def _speed_power(log: Log) -> tuple[Array, Array, Array]:
     near = np.stack([np.convolve(p, np.full(count, 1.0 / count), mode="same") for p in power.T], axis=1)
     moving = np.where(near > 2.0 * expected, np.maximum(power - expected, 0.0), 0.0)
     return frequency, moving, expected
+
+
+def _bridged(speeds: Array, log: Log) -> Array:
+    """Speeds (T, n) that go straight on over the gaps of a log: what is not fitted there (a collision) is no motion of its
+    own.
+    """
+    if not log.gaps:
+        return speeds
+    known = clear_of(log.gaps, log.time)
+    return between(log.time, log.time[known], speeds[known]) if known.any() else speeds

@@ -20,6 +20,7 @@ from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.couplings import confirmed, coupled, coupling_notes
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.diagnosis import check_log, grouped
+from trueup.identification.estimation.disturbed import NAME, without_disturbed
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import (
     Estimate,
@@ -52,6 +53,7 @@ from trueup.identification.estimation.selection import (
 )
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.inspection.diagnosis import check_refused
 from trueup.recording import Recording
 
 Told = Callable[[str, float], None]
@@ -85,6 +87,8 @@ class Options:
     """Whether each joint may have a scale of its own where logs hold torque in N m; where they do not, it may anyway."""
     torque: str = ""
     """Which torque is fitted where logs hold several, see torque_choice."""
+    refuse: tuple[str, ...] = ()
+    """'disturbed': stretches in which something acted on the arm are fitted and judged like all others."""
     seed: int = 0
 
 
@@ -104,6 +108,7 @@ def identify(
     gears, rng = drives.only(tree.joints) if drives else Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
     warnings = [*told_by_names, *_minded(logs, judged, tree)]
+    logs, judged, alone = without_disturbed(logs, judged, tree, gears, refused=NAME in wanted.refuse)
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors")
@@ -116,7 +121,7 @@ def identify(
     model = cache(lambda drives: prepared(drives).model())
     coupling = coupled(motions, tree, gears, cutoff, wanted.hold_out)
     say("comparing clocks")
-    warnings += doubts(logs, tree, coupling, prepared(coupling).pool, prepared(coupling).aligned)
+    warnings += [*alone, *doubts(logs, tree, coupling, prepared(coupling).pool, prepared(coupling).aligned)]
     warnings += beside_file(logs, tree)
     say("choosing the structure of friction")
     coupling = confirmed(coupling, gears, cache(lambda drives: _left_out(model(drives))))
@@ -138,7 +143,7 @@ def _left_out(modelled: Modelled) -> tuple[Choice, ...]:
     """The model with its errors on blocks of time that were left out, and on kinds of motion."""
     pool, nominal, _, (pieces, _, _, choice) = modelled
     kinds = moments_of(kinds_of(pool, pieces))
-    return choice, *cross_validated(kinds, _prior(pool, nominal) * kinds.scale, choice)
+    return choice, *cross_validated(kinds, pool.prior(nominal) * kinds.scale, choice)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +198,7 @@ def _stage_reporter(told: Told | None) -> Callable[[str], None]:
 
 def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: str, margin: float) -> Structured:
     """The pieces with their effects of load, and the model that predicts best; what gears carry is that of a rough fit."""
-    prior = _prior(pool, nominal)
+    prior = pool.prior(nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
     links = pool.carried_links(rough)
     made = with_load_columns(pool, pieces, links)
@@ -240,7 +245,7 @@ def _estimated(
     def fit(prior: Array, strength: float, robust: bool | None) -> Estimate:
         return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=robust)
 
-    free = fit(_prior(pool, nominal), choice.strength, wanted.robust)
+    free = fit(pool.prior(nominal), choice.strength, wanted.robust)
     if not wanted.consistent:
         return free, None, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
@@ -253,10 +258,10 @@ def _estimated(
 
     def judged(k: int) -> tuple[Moments, Array]:
         of = moments_of(kinds_of(pool, pieces)) if k else moments
-        return of, of.scale * [_prior(pool, fold.parameters) for fold in (bodies.without(of) if k else bodies.folds)]
+        return of, of.scale * [pool.prior(fold.parameters) for fold in (bodies.without(of) if k else bodies.folds)]
 
     choice = select_pull(judged, choice)
-    near = fit(_prior(pool, bodies.fit.parameters), choice.strength, free.robust)
+    near = fit(pool.prior(bodies.fit.parameters), choice.strength, free.robust)
     # Deviations: what the logs tell by themselves.
     return replace(near, covariance=free.covariance), bodies, written, choice
 
@@ -270,6 +275,7 @@ def _check_options(options: Options, training: Sequence[Recording]) -> None:
         )
     if not 0.0 <= options.hold_out < 0.9:
         raise IdentificationError(f"a share of {options.hold_out:g} cannot be held out; give 0 to 0.9")
+    check_refused(options.refuse, (NAME,))
     if options.cutoff is not None and not options.cutoff > 0.0:
         raise IdentificationError(f"a cut-off of {options.cutoff:g} Hz is not above zero")
 
@@ -290,11 +296,3 @@ def _aligned(
     if not found.corrected:
         return found, list(pieces)
     return found, [replace(p, rows=shifted(p.rows, found.shift)) for p in pieces]
-
-
-def _prior(pool: Pool, nominal: Array) -> Array:
-    """(p,) the base parameters of the file at their columns, zero elsewhere."""
-    prior = np.zeros(pool.model.p)
-    prior[10 * pool.model.tree.n :] = nominal[10 * pool.model.tree.n :]
-    prior[pool.base.independent] = pool.base.of(nominal)
-    return prior

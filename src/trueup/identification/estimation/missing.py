@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Mask
 from trueup.errors import IdentificationError, listed
 from trueup.instant import usual_step
 from trueup.recording import Channel
@@ -21,6 +21,14 @@ Gaps = tuple[tuple[float, float], ...]
 def gaps(*clocks: Array) -> Gaps:
     """Stretches of more than 20 ms and five usual steps without a sample."""
     return tuple(sorted({gap for time in clocks for gap in _between(time, usual_step(time))}))
+
+
+def clear_of(gaps: Gaps, time: Array, margin: float = 0.0) -> Mask:
+    """(T,) which instants lie in none of the stretches, nor within `margin` s of one."""
+    clear = np.ones(len(time), dtype=bool)
+    for first, last in gaps:
+        clear &= (time < first - margin) | (time > last + margin)
+    return clear
 
 
 def bridged(channel: Channel, recording: str) -> tuple[Channel, Gaps, list[str]]:

@@ -20,7 +20,7 @@ from trueup.identification.estimation.filtering import (
     grid,
     highest_cutoff,
 )  # fmt: skip
-from trueup.identification.estimation.missing import Gaps, bridged, gaps
+from trueup.identification.estimation.missing import Gaps, bridged, clear_of, gaps
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.inspection.spikes import without_spikes
@@ -271,9 +271,7 @@ def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: floa
     (start, stop), margin = motion.span(), 1.0 / cutoff
     start, stop = max(start, float(rows.time[0]) + margin), min(stop, float(rows.time[-1]) - margin)
     edge = start + (1.0 - hold_out) * (stop - start)
-    known = np.ones(rows.length, dtype=bool)
-    for first, last in motion.gaps:
-        known &= (rows.time < first - margin) | (rows.time > last + margin)
+    known = clear_of(motion.gaps, rows.time, margin)
     keeps = [(known & (rows.time >= start) & (rows.time <= edge), False)]
     if hold_out > 0.0:
         keeps.append((known & (rows.time > edge + 2.0 * margin) & (rows.time <= stop), True))

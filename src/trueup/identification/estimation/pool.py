@@ -54,6 +54,13 @@ class Pool:
         full = self.base.full(self.base.of(parameters), nominal_of(self.model))
         return full[: 10 * self.model.tree.n].reshape(-1, 10)
 
+    def prior(self, nominal: Array) -> Array:
+        """(p,) the base parameters of the file, of what it says (`nominal`, (p,)), at their columns, zero elsewhere."""
+        prior = np.zeros(self.model.p)
+        prior[10 * self.model.tree.n :] = nominal[10 * self.model.tree.n :]
+        prior[self.base.independent] = self.base.of(nominal)
+        return prior
+
     def basic(self) -> tuple[DynamicModel, Integers]:
         """A model that fits any arm roughly (rotors, offsets, viscous and Coulomb friction), and its independent columns."""
         active = np.flatnonzero(self.with_groups(*BASIC))

@@ -175,8 +175,9 @@ def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[
     if not servos or not kinds or masses or seen & {*forces, "N m"}:
         return ()
     note = (
-        f"{', '.join(kinds)} are in proportion to the masses in the file: no torque or force was compared, and with all "
-        "masses twice as large they would be too and replay as well. Weigh what you doubt, or have it searched: "
+        f"{', '.join(kinds)} are in proportion to the masses in the file, which their intervals take as right: no torque or "
+        "force was compared, and with all masses twice as large (or those behind a last joint: its own) they would be so and "
+        "replay as well. Weigh what you doubt, or have it searched: "
         '--parameters FILE with quantity = "mass" (and "com_x" ...) of the body; measured torques in N m are compared by '
         "--channels position,torque"
     )
