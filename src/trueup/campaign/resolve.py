@@ -79,7 +79,7 @@ def parts_of(
     parts = Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), _suited(plan, ready),
-        evaluator=evaluator or Here(), write=_writer(ready, tuple(held_out), folder, say),
+        evaluator=evaluator or Here(), write=_writer(ready, tuple(held_out), folder, say), beside=base,
     )  # fmt: skip
     later = ready.later
     if later is None:
