@@ -229,7 +229,7 @@ def _writer(
             notes = (f"the calibrated model could not be written: {error}",)
         for note in notes:
             if note not in said:  # once, not in each round
-                say(f"note: {note}")
+                say(f"note: {at.name}/{model.name}: {note}")
         said.update(notes)
 
     return write
