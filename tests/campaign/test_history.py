@@ -85,6 +85,8 @@ def test_the_report_of_the_whole_shows_what_the_robot_did(told: tuple[tuple[Even
     assert text.count("<h3>Round ") == 2
     assert all(t.planned.trial in text for t in history.trials)
     assert not re.search(r"(src|href)=.https?:", text)
+    rounds = text[text.index("<h3>Round 1") :]
+    assert rounds.index(">proportional") < rounds.index(">feed forward")  # the task's order, not the alphabet's
 
 
 def test_beside_a_path_it_is_said_that_the_logged_point_may_not_be_the_judged_one(

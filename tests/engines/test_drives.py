@@ -383,3 +383,30 @@ def test_wheels_on_legs_are_told_speeds_beside_positions_of_the_other_joints(apa
     simulator, trial = MujocoSimulator(load(path), step=0.002), Trial.of(ready.recordings[0], ["position"])
     (found,) = simulator.rollout([trial], np.zeros((1, 0)))
     assert np.abs(found.channels["position"][0] - run.channel("position").values).max() < 0.02
+
+
+def _told(recording: Recording) -> Recording:
+    """What was commanded, under a name and in a unit of positions, as a column 'j_cmd' without a unit is read."""
+    torque = recording.channel("command_torque")
+    return recording.without("command_torque").with_channel(torque.replace(name="command", unit="rad"))
+
+
+def test_torques_told_as_positions_drive_motors_that_would_give_the_motion(tmp_path: Path) -> None:
+    ready = prepare(_model(tmp_path, _MOTOR), [_told(_swing())])
+    assert any("is taken as torques in N m" in str(d) for d in ready.diagnoses)
+    (torque,) = [r.channel("command_torque") for r in ready.recordings]
+    assert torque.unit_of("j") == "N m"
+    np.testing.assert_array_equal(torque.values, _swing().channel("command_torque").values)
+    (damping,) = [e for e in ready.calibrate(Options(cross_validate=False)).estimates if e.name == "j.damping"]
+    assert damping.value == pytest.approx(0.5, rel=0.03)
+    as_told = prepare(_model(tmp_path, _MOTOR), [_told(_swing())], refuse=["torques"]).recordings[0]
+    assert as_told.channel("command").unit == "rad"
+
+
+def test_positions_that_joints_follow_stay_positions_beside_motors(tmp_path: Path) -> None:
+    time = np.arange(0.0, 4.0, 0.01)
+    wanted, moved = np.sin(2.0 * time)[:, None], 0.8 * np.sin(2.0 * time - 0.3)[:, None]
+    channels = (Channel("command", ("j",), "rad", time, wanted), Channel("position", ("j",), "rad", time, moved))
+    ready = prepare(_model(tmp_path, _MOTOR), [Recording("followed", {c.name: c for c in channels})])
+    assert not any("torques" in d.name for d in ready.diagnoses)
+    assert ready.recordings[0].channel("command").unit == "rad"

@@ -70,6 +70,24 @@ def test_inverse_dynamics_sees_drives_and_joints_held_still(tmp_path: Path, reco
     assert seen["wrist"].friction > 1.5 * np.abs(told).max()
 
 
+def test_friction_is_seen_where_links_are_heavier_than_the_file_has_them(tmp_path: Path) -> None:
+    arm = """<mujoco><option timestep="2e-3" integrator="implicitfast"/><worldbody><body>
+    <joint name="j" axis="0 1 0" {drive}/><geom size=".05" mass="{mass}" pos="0 0 -.3"/></body></worldbody>
+    <actuator><motor name="m" joint="j"/></actuator></mujoco>"""
+    (tmp_path / "arm.xml").write_text(arm.format(drive="", mass=1.0))
+    model = mujoco.MjModel.from_xml_string(arm.format(drive='frictionloss=".4" damping=".3" armature=".02"', mass=1.6))
+    data, rng, time = mujoco.MjData(model), np.random.default_rng(0), 0.01 * np.arange(600, dtype=np.float64)
+    told, seen = np.zeros((2, 600, 1))
+    for k, t in enumerate(time):
+        wanted = 0.9 * (1.0 - np.cos(1.3 * t)) + 0.2 * np.sin(3.0 * t)
+        told[k] = 60.0 * (wanted - data.qpos) - 4.0 * data.qvel
+        seen[k], data.ctrl[:] = data.qpos + rng.normal(0.0, 1e-4, 1), told[k]
+        mujoco.mj_step(model, data, 5)
+    channels = (Channel("position", ("j",), "rad", time, seen), Channel("command_torque", ("m",), "N m", time, told))
+    drive = drives_seen(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])["j"]
+    assert (drive.friction, drive.damping) == pytest.approx((0.4 / 1.6, 0.3 / 1.6), rel=0.35)  # beside a link of 1 kg
+
+
 def test_drives_are_seen_beside_fingers_that_nobody_measured(tmp_path: Path, recordings: list[Recording]) -> None:
     finger = '<body><joint name="finger" type="slide"/><geom type="box" size=".01 .01 .01" mass=".01"/></body>'
     (tmp_path / "hand.xml").write_text(PLAIN.replace("</body></body></body>", f"{finger}</body></body></body>"))

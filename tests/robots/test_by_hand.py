@@ -252,6 +252,25 @@ def test_a_log_in_degrees_that_names_no_unit_is_not_taken_and_its_unit_mends_it(
         assert bool(bench.outcome()) is taken
 
 
+@pytest.mark.parametrize("begins", [0.3, 0.0])
+def test_degrees_show_where_the_robots_own_controller_commands_too(begins: float) -> None:
+    start = Channel("position", JOINTS, "rad", np.zeros(1), begins * np.array([[1.0, -0.5, 0.2]]))
+    run = replace(trial(), command=None, initial={"position": start})
+    moved = start.values + 0.5 * (1.0 - np.cos(TIME))[:, None]
+
+    def logged(values: Array, unit: str) -> Recording:
+        return Recording("trial-001", {"position": Channel("position", JOINTS, unit, TIME, values)})
+
+    (said,) = mismatches(run, logged(np.degrees(moved), ""))
+    assert "in degrees?; say the unit of the log in mapping.toml" in said
+    assert not mismatches(run, logged(moved, ""))
+    assert not mismatches(run, logged(moved + 0.1, "rad"))  # placed by hand
+    turning = replace(run, initial={})
+    assert not mismatches(turning, logged(np.degrees(moved), "rad"))  # wheels turn on and on
+    if begins:
+        assert "in degrees" in mismatches(run, logged(np.degrees(moved), "rad"))[0]  # as the header had it
+
+
 def test_a_file_that_is_still_being_written_is_left_until_it_rests(bench: Bench) -> None:
     bench.robot.hand_out([trial()])
     text = log_text()

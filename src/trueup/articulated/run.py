@@ -17,10 +17,11 @@ from trueup.articulated.model import Engine, Running, Stopping
 from trueup.articulated.pose import ANGLES, ORIENTATION, near
 from trueup.articulated.sensing import read_noise
 from trueup.articulated.signals import Signals
+from trueup.articulated.wiring import actuators_named, no_signal
 from trueup.controllers.controller import ControllerFactory, Observation
 from trueup.ends import LOOK, Ended, which_end
 from trueup.engines.simulator import Rollout
-from trueup.errors import ModelError
+from trueup.errors import unknown_name
 from trueup.rounding import first_step, whole_steps
 from trueup.samples import wrapped
 from trueup.trial import Trial
@@ -82,7 +83,7 @@ class Run:
         if "torque" in histories:  # it acts during a step, states are at its ends
             histories["torque"] = [*histories["torque"][1:], histories["torque"][-1]]
         if (command := self._trial.observed.get("command")) is not None:
-            columns = [self._model.columns()[label] for label in command.labels]
+            columns = [self._model.columns()[name] for name in actuators_named(self._model, command.labels)]
             histories["command"] = [g[:, columns] for g in (*given, given[-1])]
         return self._seen(histories, ~np.logical_and.accumulate(np.stack(sound, axis=1), axis=1))
 
@@ -91,9 +92,16 @@ class Run:
         return np.asarray(np.isfinite(self._copies.position + self._copies.velocity).all(axis=1))
 
     def _reader(self, channel: str, labels: Sequence[str]) -> Callable[[int], Array]:
-        """What reads a channel of the first n copies. Raises ModelError for one that is no signal of the model."""
-        if channel not in STATES and channel not in self._model.channels():
-            raise ModelError(f"channel '{channel}' of '{self._trial.name}' is no signal of '{self._model.name}'")
+        """What reads a channel of the first n copies. Raises ModelError for one that is no signal of the model, or has
+        no such label.
+        """
+        known = list(self._model.drives()) if channel in STATES else self._model.channels().get(channel)
+        if known is None:
+            raise no_signal(self._trial.name, channel, self._model.name, [*STATES, *self._model.channels()])
+        for label in (label for label in labels if label not in known):
+            raise unknown_name(
+                "joint" if channel in STATES else "label", label, known, f"'{channel}' of '{self._model.name}'"
+            )
         return self._copies.reader(STATES.get(channel, channel), labels)
 
     def _asked(self, s: int) -> Array:

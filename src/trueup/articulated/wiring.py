@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from trueup.articulated.model import Model
 from trueup.errors import ModelError, unknown_name
 from trueup.recording import Channel
@@ -20,15 +22,20 @@ def twins(model: Model) -> list[tuple[int, int]]:
 
 def commanded(model: Model, command: Channel) -> list[str]:
     """The actuator of each command label: its own name, or the joint that it drives. Raises UnknownNameError."""
+    return actuators_named(model, command.labels)
+
+
+def actuators_named(model: Model, labels: Sequence[str]) -> list[str]:
+    """The actuators that labels name, by themselves or by the joints that they drive. Raises UnknownNameError."""
     by_joint = {joint: actuator for joint, actuator in model.drives().items() if actuator}
     names = [n for n in model.names("actuator") if n]
     if not names:
         raise ModelError(
-            f"model '{model.name}' has no actuators, so the commands of '{', '.join(command.labels)}' drive "
+            f"model '{model.name}' has no actuators, so the commands of '{', '.join(labels)}' drive "
             "nothing; add <position> or <motor> actuators to it"
         )
     driven = []
-    for label in command.labels:
+    for label in labels:
         if label not in by_joint and label not in names:
             raise unknown_name(
                 "actuator", label, {*names, *by_joint},
@@ -51,3 +58,10 @@ def control_of(model: Model, actuator: str, unit: str) -> float:
     """What a command in `unit` is multiplied by to become the actuator's: a motor's gear and gain taken out of a torque."""
     whole = float(model.get("actuator.torque", actuator)[0]) if unit in ("N m", "N") else 0.0
     return 1.0 / whole if whole else 1.0
+
+
+def no_signal(trial: str, channel: str, model: str, known: Iterable[str]) -> ModelError:
+    """The error for what a trial observes and a model does not have, with what it has."""
+    return ModelError(
+        f"channel '{channel}' of '{trial}' is no signal of '{model}'; it has: {', '.join(sorted({*known, 'command'}))}"
+    )

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.campaign.beginning import begun, require_unedited, sampled
 from trueup.campaign.doses import Doses, doses_of
 from trueup.campaign.events import (
     Begun,
@@ -43,7 +44,7 @@ from trueup.loop.plausible import plausible
 from trueup.loop.transfer import best_known, mean_score
 from trueup.parameters import ParameterSpace
 from trueup.rounding import NEGLIGIBLE
-from trueup.tasks.task import Task, counted_by, unit_of
+from trueup.tasks.task import counted_by, unit_of
 
 E = TypeVar("E")
 
@@ -65,7 +66,7 @@ class Campaign:
         self._calibrated: Calibrated | None = None
         self._expected: list[tuple[float, float]] = []
         self._doses = doses_of(plan, parts)
-        self._begun = _begun(checksum, plan.seed, version, parts.task, self._doses)
+        self._begun = begun(checksum, plan.seed, version, parts, self._doses)
         if journal.past and not (isinstance(journal.past[0], Begun) and journal.past[0].plan == checksum):
             raise JournalError(
                 f"{journal.folder}: this folder holds a campaign of another plan; name another with --out"
@@ -76,9 +77,11 @@ class Campaign:
         past = self._journal.past
         if not any(isinstance(e, (TrialPlanned, Ended)) for e in past):
             self._listener.doubt(rehearse(self._parts, self._plan))  # first: a plan that fails leaves its folder free
-        self._once(Begun, lambda: self._begun)
+        first = self._once(Begun, lambda: sampled(self._begun, self._parts))
         if past and isinstance(past[-1], Ended):
             return past[-1]
+        if past and (edited := require_unedited(first, self._begun, self._parts, self._journal.folder)):
+            self._listener.doubt(edited)
         start = np.clip(self._space.to_unit(self._space.nominal), 0.0, 1.0)
         region = TrustRegion(start, self._plan.optimize.trust)
         score, stale = float("nan"), 0
@@ -288,12 +291,6 @@ class Campaign:
         event = self._journal.once(kind, make)
         self._listener.saw(event, fresh=fresh)  # type: ignore[arg-type]
         return event
-
-
-def _begun(checksum: str, seed: int, version: str, task: Task, doses: Doses | None) -> Begun:
-    units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
-    graded = (doses.names, doses.first, doses.ways) if doses else ((), (), ())
-    return Begun(checksum, seed, version, unit_of(task), units, *graded, counted_by(task))
 
 
 def _never() -> Generation:

@@ -25,6 +25,6 @@ def at_edges(history: History) -> str:
     if not ends:
         return ""
     return (
-        f"{', '.join(ends)} of what is searched: better ones may lie beyond (of a path follower say so in the plan: [task] "
-        "ranges), or it hardly matters"
+        f"{', '.join(ends)} of what is searched: better ones may lie beyond (ranges are those of the task's parameters; a "
+        "path follower's are said in the plan: [task] ranges), or it hardly matters"
     )

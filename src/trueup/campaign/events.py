@@ -35,6 +35,8 @@ class Begun:
     """In which a run may end early, as a tally counts them."""
     counts: str = ""
     """What people count of the task's score, which is minus that; '' where it is an error or a cost as it stands."""
+    samples: Row = ()
+    """Scores of a few settings in a few simulators, by which edits of the model or the task show; () where there are none."""
 
 
 @dataclass(frozen=True)

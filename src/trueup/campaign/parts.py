@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, Protocol
 
 from trueup.arrays import Array
@@ -52,6 +53,8 @@ class Parts:
     """Writes what a round's calibration came to, fitted to these recordings; None where the simulator has no file."""
     evaluator: Evaluator = field(default_factory=Here)
     """Where candidates are simulated while the controller is tuned."""
+    beside: Path | None = None
+    """The plan's folder, in which what it names mostly lies; None where there is no plan's file."""
 
 
 class Listener(Protocol):

@@ -59,6 +59,7 @@ class Experiment:
         _at_least(self, "later", 0)
         _at_least(self, "again", 0)
         _at_least(self, "repeats", 1)
+        _at_least(self, "noise", 0)
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,7 @@ class Optimize:
         _at_least(self, "evaluations", 1)
         _at_least(self, "samples", 1)
         _at_least(self, "risk", 0)
+        _at_least(self, "widen", 0)
         if self.within != 0.0 and not self.within > 1.0:
             raise ValueError(f"within = {self.within} must be above 1, or 0 for no such choice")
         if not 0.0 < self.trust <= 1.0:
@@ -162,6 +164,7 @@ class Transfer:
         _at_least(self, "candidates", 1)
         _at_least(self, "again", 0)
         _at_least(self, "repeats", 1)
+        _at_least(self, "apart", 0)
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,8 @@ class Stop:
         """Raises ValueError for what cannot be."""
         _at_least(self, "rounds", 1)
         _at_least(self, "patience", 1)
+        _at_least(self, "improvement", 0)
+        _at_least(self, "trials", 0)
 
     def reached(self, score: float, counts: str) -> bool:
         """Whether a score is good enough; it is minus what `counts` names, where it names something."""
@@ -195,6 +200,13 @@ class JointLimits:
     range: tuple[float, float] = (-math.inf, math.inf)
     speed: float = math.inf
     effort: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        if not self.range[0] <= self.range[1]:
+            raise ValueError(f"range = {list(self.range)} must be the lowest and the highest, in this order")
+        _at_least(self, "speed", 0)
+        _at_least(self, "effort", 0)
 
 
 @dataclass(frozen=True)

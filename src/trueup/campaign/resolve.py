@@ -79,7 +79,7 @@ def parts_of(
     parts = Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), _suited(plan, ready),
-        evaluator=evaluator or Here(), write=_writer(ready, tuple(held_out), folder, say),
+        evaluator=evaluator or Here(), write=_writer(ready, tuple(held_out), folder, say), beside=base,
     )  # fmt: skip
     later = ready.later
     if later is None:
@@ -229,7 +229,7 @@ def _writer(
             notes = (f"the calibrated model could not be written: {error}",)
         for note in notes:
             if note not in said:  # once, not in each round
-                say(f"note: {note}")
+                say(f"note: {at.name}/{model.name}: {note}")
         said.update(notes)
 
     return write

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Sized
 
 from trueup.errors import TrialError
-from trueup.inspection.asked import lasting, missized, swapped
+from trueup.inspection.asked import lasting, missized, sized, swapped
 from trueup.inspection.requested import as_observed, completed
 from trueup.inspection.si import in_si
 from trueup.recording import Recording
@@ -79,7 +79,7 @@ def _observed(trial: Trial, recording: Recording) -> Recording:
 
 def _checked(trial: Trial, recording: Recording) -> Recording:
     asked = trial.command
-    unlike = lasting(trial, recording)
+    unlike = lasting(trial, recording) or sized(trial, recording)
     if unlike is None and asked is not None:
         unlike = swapped(asked, recording) or missized(asked, recording)
     if unlike is not None:

@@ -7,13 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.ends import end_of
+from trueup.evidence import HALVED
+from trueup.inspection.relations import nearest
 from trueup.inspection.requested import side_by_side
 from trueup.inspection.suspicions import in_another_unit
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 from trueup.samples import correlation
 from trueup.trial import Trial
-from trueup.units import to_si
+from trueup.units import hardly_radians, to_si
 
 _TIMES = ("ms", "us", "ns", "min")
 """Units of clocks, in which a log is written or as which one in s is read."""
@@ -22,6 +26,10 @@ _COMPLETE, _ARRIVED = (
     0.6,
 )  # share of the duration that must be there: of a command; of a run that ends by arriving
 _TOO_LONG = 1.6
+_FIRST = 5
+"""Samples, of which the middle one is where a log begins."""
+_LARGER = {"rad": {"degrees": 1.0 / to_si("deg")[1]}, "m": {"mm": 1.0 / to_si("mm")[1]}}
+"""Unit to others, in which numbers are so many times as large: nobody begins a run that far away."""
 
 
 @dataclass(frozen=True)
@@ -111,3 +119,38 @@ def missized(asked: Channel, recording: Recording) -> Unlike | None:
     time = np.arange(len(request), dtype=np.float64)
     said = in_another_unit(told.replace(time=time, values=request), moved.replace(time=time, values=followed))
     return Unlike("unit", said) if said else None
+
+
+def sized(trial: Trial, recording: Recording) -> Unlike | None:
+    """Positions that begin so many times as far from zero as the run does as another unit would make them, or that name no
+    unit and reach further than joints do in rad: nothing else tells it of runs in which the robot's own controller commands.
+    """
+    for name, observed in trial.observed.items():
+        channel = recording.channels.get(name)
+        if channel is None or name != "position":
+            continue
+        if said := _begun(trial, channel.select([label for label in observed.labels if label in channel.labels])):
+            return Unlike("unit", said)
+        most = float(np.nanmax(np.abs(channel.values), initial=0.0))
+        if observed.unit == "rad" and not any((channel.unit, *channel.units)) and hardly_radians(most):
+            return Unlike("unit", f"'{name}' names no unit and reaches {most:.4g}, asked for in rad: is it in degrees?")
+    return None
+
+
+def _begun(trial: Trial, channel: Channel) -> str:
+    """What is wrong with where positions begin, in words; '' where that is no other unit."""
+    start = trial.initial.get(channel.name)
+    labels = [label for label in channel.labels if start is not None and label in start.labels]
+    if start is None or not labels or len(channel.time) < _FIRST:
+        return ""
+    asked, first = start.select(labels).values[0], np.nanmedian(channel.select(labels).values[:_FIRST], axis=0)
+    unit = start.unit_of(labels[0])
+    size = float(first @ asked) / max(float(asked @ asked), TINY)
+    said = nearest(size, _LARGER.get(unit, {}))
+    if not said or np.sum((first - size * asked) ** 2) > HALVED * np.sum(first**2):
+        return ""
+    return f"{channel.name} begins at {_numbers(first)}, {size:.3g} times the {_numbers(asked)} {unit} asked for: in {said}?"
+
+
+def _numbers(values: Array) -> str:
+    return ", ".join(f"{v:.4g}" for v in values)

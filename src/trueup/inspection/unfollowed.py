@@ -28,13 +28,7 @@ def beside_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 def unfollowed(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """A sentence, where several joints moved and were commanded, and none of them, over all recordings, as commanded."""
-    pairs: dict[str, list[_Pair]] = {}
-    for recording in recordings:
-        for joint in recording.channel("position").labels if recording.has("position") else ():
-            pair = _pair(recording, joint)
-            if pair is not None:
-                pairs.setdefault(joint, []).append(pair)
-    lags = np.arange(0.0, SETTLES, LOOK)
+    pairs, lags = _pairs(recordings), np.arange(0.0, SETTLES, LOOK)
     alike = {joint: [_likeness(each, late) for late in lags] for joint, each in pairs.items()}
     # All joints are as late, nearly, so that one lag is the best: each by itself finds one by chance.
     best = max(range(len(lags)), key=lambda k: sum(each[k] for each in alike.values()))
@@ -47,6 +41,33 @@ def unfollowed(recordings: Sequence[Recording]) -> tuple[str, ...]:
         "joints are mixed up, name what the joints were told in [channels.command] of the mapping. Else the servos are "
         "soft, and nothing is wrong",
     )
+
+
+def astray(recordings: Sequence[Recording]) -> float:
+    """Share of the joints' motion that going where commanded leaves open, at the delay at which that is least; 1 at most, and
+    where nothing was commanded in the unit of the positions.
+    """
+    pairs = _pairs(recordings)
+    lags = np.arange(0.0, SETTLES, LOOK)
+    left = [[min(1.0, _beside(each, late)) for each in pairs.values()] for late in lags]
+    return min((float(np.mean(each)) for each in left if each), default=1.0)
+
+
+def _beside(pairs: Sequence[_Pair], late: float) -> float:
+    """Mean square of positions beside what was commanded so long before, over that of positions; both without their means."""
+    one, other = _held(pairs, late)
+    return float(np.sum((one - other) ** 2) / max(np.sum(one**2), TINY))
+
+
+def _pairs(recordings: Sequence[Recording]) -> dict[str, list[_Pair]]:
+    """By joint, in whichever recordings it has some."""
+    pairs: dict[str, list[_Pair]] = {}
+    for recording in recordings:
+        for joint in recording.channel("position").labels if recording.has("position") else ():
+            pair = _pair(recording, joint)
+            if pair is not None:
+                pairs.setdefault(joint, []).append(pair)
+    return pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +94,14 @@ def _likeness(pairs: Sequence[_Pair], late: float) -> float:
     """The correlation of positions and commands so many seconds before, over all recordings; 1 where going where commanded
     explains half of the motion.
     """
+    one, other = _held(pairs, late)
+    if np.sum((one - other) ** 2) < HALVED * np.sum(one**2):
+        return 1.0
+    return float(one @ other / max(np.sqrt(np.sum(one**2) * np.sum(other**2)), TINY))
+
+
+def _held(pairs: Sequence[_Pair], late: float) -> tuple[Array, Array]:
+    """Positions, and commands so many seconds before, each without the mean of its recording."""
     ones, others = [np.zeros(0)], [np.zeros(0)]
     for pair in pairs:
         shift = round(late / pair.step)
@@ -81,7 +110,4 @@ def _likeness(pairs: Sequence[_Pair], late: float) -> float:
         if np.count_nonzero(good) > 1:
             ones.append(one[good] - one[good].mean())
             others.append(other[good] - other[good].mean())
-    one, other = np.concatenate(ones), np.concatenate(others)
-    if np.sum((one - other) ** 2) < HALVED * np.sum(one**2):
-        return 1.0
-    return float(one @ other / max(np.sqrt(np.sum(one**2) * np.sum(other**2)), TINY))
+    return np.concatenate(ones), np.concatenate(others)

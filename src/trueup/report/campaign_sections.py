@@ -154,9 +154,9 @@ def _round_words(story: RoundStory) -> str:
 
 
 def _shown_settings(history: History) -> list[str]:
-    """Names of settings that differ from run to run; all where none does."""
+    """Names of settings that differ from run to run, in the task's order; all where none does."""
     tried = [t.planned.settings for t in history.trials]
-    names = sorted({k for settings in tried for k in settings})
+    names = list(dict.fromkeys(k for settings in tried for k in settings))
     return [n for n in names if len({settings.get(n) for settings in tried}) > 1] or names
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,7 +105,18 @@ def of(model: files.Model) -> DartModel:
     """A model that was loaded already, for DART. Raises MissingExtraError where dartpy is not installed."""
     if importlib.util.find_spec("dartpy") is None:
         raise MissingExtraError("Simulation by DART", "dartpy", "dart")
-    return DartModel(model)
+    return DartModel(_with_named_bodies(model))
+
+
+def _with_named_bodies(model: files.Model) -> files.Model:
+    """DART knows bodies by their names, which a file may leave out."""
+    if all(model.names("body")):
+        return model
+    spec, taken = model.spec.copy(), set(model.names("body"))
+    for number, body in enumerate(spec.bodies):
+        if not body.name:
+            body.name = next(n for k in range(len(spec.bodies) + 1) if (n := f"body{number}{'_' * k}") not in taken)
+    return replace(model, spec=spec, compiled=spec.compile())
 
 
 def simulator(model: DartModel, lines: Sequence[Declaration] = (), *, step: float = STEP) -> ArticulatedSimulator:

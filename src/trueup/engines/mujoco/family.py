@@ -32,6 +32,7 @@ from trueup.engines.mujoco.setup.drives import (
     uncommanded,
     undriven,
 )
+from trueup.engines.mujoco.setup.efforts import with_efforts
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.footing import on_the_floor, without_lifts
 from trueup.engines.mujoco.setup.footsteps import legs_of, reckoned
@@ -142,7 +143,8 @@ class Articulated(Family):
         named, renamed = all_edited([*training, *held_out], as_named, refuse)
         taken, changed = suited(model, named)
         as_the_model_takes_them = (
-            ("torques", lambda rs: torques_as_commands(model, rs)), ("sensors", lambda rs: with_sensors(model.sensors(), rs)),
+            ("torques", lambda rs: torques_as_commands(model, rs)), ("torques", lambda rs: with_efforts(model, rs)),
+            ("sensors", lambda rs: with_sensors(model.sensors(), rs)),
             ("turns", lambda rs: without_wraps(ways(model), drives, rs)), ("heights", lambda rs: on_the_floor(model, rs)),
             ("feet", lambda rs: reckoned(model, rs)),
         )  # fmt: skip

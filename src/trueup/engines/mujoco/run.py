@@ -17,6 +17,7 @@ from trueup.articulated.kernels import read_off
 from trueup.articulated.pose import angles_of, near
 from trueup.articulated.sensing import read_noise, scatter
 from trueup.articulated.signals import Signals
+from trueup.articulated.wiring import no_signal
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended
 from trueup.engines.mujoco.acts import Acts
@@ -26,9 +27,16 @@ from trueup.engines.mujoco.ending import Watch
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import finder
 from trueup.engines.mujoco.stepping import BLOCK, Stepper
-from trueup.engines.mujoco.wiring import Source, activations, placed_joints, rest, source_of, start_state
+from trueup.engines.mujoco.wiring import (
+    Source,
+    activations,
+    known_signals,
+    placed_joints,
+    rest,
+    source_of,
+    start_state,
+)
 from trueup.engines.simulator import Rollout, Simulator
-from trueup.errors import ModelError
 from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
 
@@ -137,7 +145,7 @@ class Run:
             for name, o in trial.observed.items():
                 source = source_of(self.simulator.model, self.compiled, name, o.labels)
                 if source is None:
-                    raise ModelError(f"channel '{name}' of '{trial.name}' is no signal of '{self.simulator.name}'")
+                    raise no_signal(trial.name, name, self.simulator.name, known_signals(self.simulator.model))
                 sources[name] = source
                 out[name] = np.full((self.candidates, len(o.time), len(source.columns)), np.nan)
             self.sources.append(sources)

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.articulated.pose import ORIENTATION
+from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.articulated.starts import measured_base
-from trueup.articulated.wiring import commanded
+from trueup.articulated.wiring import actuators_named, commanded
 from trueup.engines.mujoco.attributes import is_motor as is_motor
-from trueup.engines.mujoco.base import columns_of, place
+from trueup.engines.mujoco.base import columns_of, free_joint, place
 from trueup.engines.mujoco.gears import SECOND, SLACK
 from trueup.engines.mujoco.model import Model
 from trueup.errors import unknown_name
@@ -56,8 +56,11 @@ def joint_id(compiled: mujoco.MjModel, name: str) -> int:
 def source_of(model: Model, compiled: mujoco.MjModel, channel: str, labels: tuple[str, ...]) -> Source | None:
     """Where `channel` is found, or None where the simulator has no such signal.
 
-    Raises UnknownNameError for a label that is no joint of the model.
+    Raises UnknownNameError for a label that is no joint, or no actuator, of the model.
     """
+    if channel == "command":  # as it arrives at the drives, in the actuators' own units
+        columns = [model.columns()[name] for name in actuators_named(model, labels)]
+        return Source("ctrl", np.array(columns, dtype=np.int64), None, derived=True)
     if channel in JOINT_CHANNELS:
         joints = [_joint(model, compiled, channel, label) for label in labels]
         field = JOINT_CHANNELS[channel]
@@ -74,6 +77,12 @@ def source_of(model: Model, compiled: mujoco.MjModel, channel: str, labels: tupl
     if any(c is None for c in found):
         return None
     return Source("sensordata", np.array(found, dtype=np.int64), None, derived=True)
+
+
+def known_signals(model: Model) -> list[str]:
+    """Names of all channels that the simulator has."""
+    base = [POSITION, ORIENTATION] if free_joint(model.compiled) >= 0 else []
+    return [*JOINT_CHANNELS, *base, *filter(None, model.names("sensor"))]
 
 
 def _joint(model: Model, compiled: mujoco.MjModel, channel: str, label: str) -> int:

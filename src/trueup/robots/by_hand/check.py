@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.inspection.asked import Unlike, lasting, missized, swapped
+from trueup.inspection.asked import Unlike, lasting, missized, sized, swapped
 from trueup.inspection.requested import completed, side_by_side
 from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
@@ -25,7 +25,11 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
     found = _channels(trial, recording)
     if found:
         return found
-    found = _mended(lasting(trial, recording), trial) or _missing(trial, recording) or _stood(trial, recording)
+    found = (
+        _mended(lasting(trial, recording) or sized(trial, recording), trial)
+        or _missing(trial, recording)
+        or _stood(trial, recording)
+    )
     if found:
         return found
     return _commands(trial, recording) + unlike_its_path(trial, recording) + unlike_a_vehicle(trial, recording)

@@ -29,10 +29,11 @@ from trueup.engines.mujoco.lone.loads import (
 )
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id, rest
-from trueup.evidence import STANDARD_ERRORS
+from trueup.evidence import HALVED, STANDARD_ERRORS
 from trueup.instant import HARDLY, MOVING, samples_of_cubic, usual_step
 from trueup.recording import Recording
 from trueup.rounding import TINY
+from trueup.samples import rms
 from trueup.trial import command_of
 
 _FEWEST = 4
@@ -88,13 +89,16 @@ def pushes(parts: Sequence[KnownTorque], dof: int) -> tuple[Array, Array, Array]
 
 
 def of_a_drive(columns: Array, extra: Array) -> Array:
-    """(4,) friction, damping and armature, none below zero, and an offset for what the rigid robot's gravity lacks."""
+    """(4,) friction, damping and armature, none below zero, and an offset for what the rigid robot's gravity lacks; further
+    columns as they come.
+    """
+    count = columns.shape[1]
     size = np.maximum(np.abs(columns).max(axis=0), TINY)
-    least = np.array([0.0, 0.0, 0.0, -np.inf])
+    least = np.array([0.0, 0.0, 0.0, *[-np.inf] * (count - 3)])
     # Of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution.
-    short = np.sqrt(len(columns)) * _SHORT * np.eye(4)
-    rows, right = np.concatenate([columns / size, short]), np.concatenate([extra, np.zeros(4)])
-    return lsq_linear(rows, right, (least, np.full(4, np.inf)), method="bvls").x / size
+    short = np.sqrt(len(columns)) * _SHORT * np.eye(count)
+    rows, right = np.concatenate([columns / size, short]), np.concatenate([extra, np.zeros(count)])
+    return lsq_linear(rows, right, (least, np.full(count, np.inf)), method="bvls").x / size
 
 
 def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
@@ -103,13 +107,35 @@ def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
     if np.sum(1.0 / window[seen]) < _FEWEST:
         return Drive(_HELD * float(np.abs(extra).max()))
     columns, window = columns[seen], window[seen]
-    x = of_a_drive(columns, extra[seen])
+    x, left = _of_a_gain(columns, extra[seen], _rigid(parts, dof)[seen])
     friction, damping, armature = (float(v) for v in x[:3])
     inertia = armature + float(np.median(np.concatenate([p.inertia[:, dof] for p in parts])))
     # a joint that keeps no speed for a sample, and shows no friction by which it slides, gives way to one that holds it
-    doubt = _standard_error(columns, extra[seen] - columns @ x, float(np.sum(1.0 / window)))
+    doubt = _standard_error(columns, left, float(np.sum(1.0 / window)))
     creeps = inertia < damping * max(p.sample for p in parts) and friction < STANDARD_ERRORS * doubt
     return Drive(_HELD * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
+
+
+def _of_a_gain(columns: Array, extra: Array, rigid: Array) -> tuple[Array, Array]:
+    """(4,) as `of_a_drive`, and what is left of the torque (L,): of a motor that gives another share of what it is told,
+    where that halves what is left. Files have torque constants and payloads wrong; damping and a rotor would stand for that,
+    and leave nothing to friction.
+    """
+    plain = of_a_drive(columns, extra)
+    left = extra - columns @ plain
+    size = np.maximum(np.abs(rigid).max(), TINY)
+    wide = np.column_stack([columns, rigid / size])
+    more = of_a_drive(wide, extra)
+    share = 1.0 + float(more[4]) / size  # of what it is told to what the robot takes
+    other = extra - wide @ more
+    if share <= 0.0 or rms(other) > HALVED * rms(left):
+        return plain, left
+    return more[:4] / share, other
+
+
+def _rigid(parts: Sequence[KnownTorque], dof: int) -> Array:
+    """(L,) torque of the rigid robot, in the order of `pushes`."""
+    return np.concatenate([p.torque[:, dof] - p.extra[:, dof] for p in parts])
 
 
 def _standard_error(columns: Array, left: Array, independent: float) -> float:
