@@ -110,6 +110,14 @@ def test_another_version_of_trueup_may_simulate_otherwise_and_says_so(write_plan
     assert any("trueup 0 began it, this is 1" in words for words in heard.doubts)
 
 
+def test_another_machine_may_simulate_otherwise_and_says_so(write_plan: Write, tmp_path: Path) -> None:
+    plan, heard = write_plan(), Doubtful()
+    with pytest.raises(KeyboardInterrupt):
+        go(plan, tmp_path / "out", stopped)
+    go(plan, tmp_path / "out", another_model, listener=heard)
+    assert any("no file beside the plan was changed" in words for words in heard.doubts)
+
+
 def test_a_task_that_draws_lots_of_its_own_can_be_resumed(write_plan: Write, tmp_path: Path) -> None:
     lots = np.random.default_rng(0)
 

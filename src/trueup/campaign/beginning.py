@@ -36,8 +36,9 @@ def sampled(first: Begun, parts: Parts) -> Begun:
 
 
 def require_unedited(first: Begun, now: Begun, parts: Parts, folder: Path) -> str:
-    """Raises JournalError where simulator and task score otherwise than when the campaign began: what its journal holds
-    would be mixed with what comes of others. Where another version of trueup wrote it that is a doubt, which is returned.
+    """Raises JournalError where simulator and task score otherwise than when the campaign began, and files beside its plan
+    were edited: what its journal holds would be mixed with what comes of others. Where another version of trueup wrote it,
+    or no such file was edited (walks are chaotic, and another machine rounds otherwise), that is a doubt, which is returned.
 
     '' elsewhere, for journals of earlier versions too: they have no samples.
     """
@@ -56,6 +57,11 @@ def require_unedited(first: Begun, now: Begun, parts: Parts, folder: Path) -> st
         return f"{words}: trueup {first.version} began it, this is {now.version}"
     plan = parts.beside
     files = _edited_since(plan, folder) if plan is not None else ""
+    if not files:
+        return (
+            f"{words}, and no file beside the plan was changed since then: another machine, or another version of an engine, "
+            "may simulate otherwise. If a model or a task elsewhere was edited, begin anew with `trueup run --out DIR`"
+        )
     recordings = os.path.relpath(folder / "recordings", plan) if plan is not None else folder / "recordings"
     raise JournalError(
         f"{words}: the model, the task, or a file that they read was edited{files}, and what is in the journal would be "
