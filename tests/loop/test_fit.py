@@ -188,3 +188,14 @@ def test_a_coarser_step_is_faithful_where_the_search_begins(formula: Make) -> No
     problem = problem_of(formula(lagging, SPACE), truth)
     assert coarsest(problem, SPACE, SPACE.to_unit(np.array([4.0, 0.1]))).simulator.step > 0.01
     assert coarsest(problem, SPACE, SPACE.to_unit(truth)).simulator.step == 0.01
+
+
+def test_a_start_that_cannot_be_simulated_says_nothing_of_coarser_steps(formula: Make) -> None:
+    """Without damping a model may be thrown about, from which a search is nudged away."""
+    lower = SPACE.parameters[0].lower
+
+    def thrown(time: Array, values: Array, step: float) -> Array:
+        return np.full(len(time), np.nan) if values[0] <= lower else values[0] * np.sin(2.0 * time)
+
+    start = SPACE.to_unit(np.array([lower, 0.1]))
+    assert coarsest(problem_of(formula(thrown, SPACE)), SPACE, start).simulator.step > 0.01

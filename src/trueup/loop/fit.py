@@ -194,17 +194,19 @@ def _first(coarse: Problem) -> Problem:
 
 def coarsest(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None = None) -> Problem:
     """The problem at the coarsest step that tells nearly the same residuals at the start, and where a search begins that is
-    nudged off its bounds, approximated where that does; as an earlier fit has had it.
+    nudged off its bounds, approximated where that does; as an earlier fit has had it. A start that cannot be simulated tells
+    nothing: a search leads away from it.
     """
     if begun is not None and begun.near is not None:
         return begun.near.with_starts(problem.trials, ())
     places = space.from_unit(np.stack([np.clip(point, 0.0, 1.0), np.clip(point, 0.05, 0.95)]))
-    fine = [problem.start_residual(values) for values in places]
+    start, nudged = problem.residuals(places[:1])[0], problem.start_residual(places[1])
+    fine = [start, nudged] if np.isfinite(start).all() else [nudged]
     for factor in _COARSE:
         cheap = problem.at_step(problem.simulator.step * factor)
-        rough = cheap.residuals(places)
+        rough = cheap.residuals(places[-len(fine) :])
         if np.isfinite(rough).all() and all(
             np.linalg.norm(own - real) <= FAITHFUL * np.linalg.norm(real) for own, real in zip(rough, fine, strict=True)
         ):
-            return cheap.approximated(places[1], fine[1])
-    return problem.approximated(places[1], fine[1])
+            return cheap.approximated(places[1], nudged)
+    return problem.approximated(places[1], nudged)
