@@ -103,7 +103,9 @@ RULES = (
     Rule("actuators", ("articulated", "search", *NOUNS)),
     # MJCF and URDF are read by MuJoCo's reader, whatever simulates them
     Rule("engines.dart", ("engines.mujoco", "engines.family", "articulated", *NOUNS)),
-    # what a walk must know of a biped is read off a model
+    # an arm as its dynamics are fitted is read off a model,
+    Rule("engines.mujoco.setup.torques_given", ("engines.mujoco", "articulated", "identification", *NOUNS)),
+    # and so is what a walk must know of a biped
     Rule("engines.mujoco.biped", ("engines.mujoco", "controllers.walk_engine", *NOUNS)),
     # the vehicle runs the compiled Stanley law inside its own loop, and says what counts as an error of a prediction
     Rule(

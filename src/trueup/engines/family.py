@@ -136,6 +136,12 @@ class Family:
         """
         raise ModelError("this family has no model files")
 
+    def torques(self, simulator: Any, recordings: Sequence[Recording]) -> tuple[Any, Sequence[Recording]]:
+        """An arm's kinematic tree, as `identification` has it, and recordings with joint torques in place of commands; None
+        and () unless commands tell them, of all.
+        """
+        return None, ()
+
     def for_whole_runs(self, simulator: Any) -> Simulator:
         """A simulator with what whole runs of a robot with a free base tell, where nobody declared what to calibrate."""
         return simulator

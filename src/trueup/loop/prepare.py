@@ -29,6 +29,7 @@ from trueup.loop.disturbed import NAME, disturbed, seen_in
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
+from trueup.loop.pushed import pushed
 from trueup.loop.recalibrate import recalibrate
 from trueup.loop.replay import replays
 from trueup.loop.whole_calibration import calibrate_whole
@@ -93,6 +94,8 @@ class Preparation:
         """
         chosen, measure = options or Options(), discrepancy
         before = Earlier.of(earlier) if isinstance(earlier, Calibration) else earlier
+        acts = resume is None and self._leaves_out(chosen.undisturbed)
+        acted = pushed(self.family, self.simulator, (*self.recordings, *self.hold_out)) if acts else None
 
         def fit(
             simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
@@ -104,7 +107,7 @@ class Preparation:
                             undisturbed=self._leaves_out(chosen.undisturbed))  # fmt: skip
             how: dict[str, Any] = {
                 "discrepancy": discrepancy or measure, "progress": progress,
-                "checkpoint": None if again else checkpoint, "resume": None if again else resume,
+                "checkpoint": None if again else checkpoint, "resume": None if again else resume, "left_out": acted,
             }  # fmt: skip
             if before is None or how["resume"] is not None:
                 return calibrate(simulator, recordings, hold_out, options=asked, start=start, **how)

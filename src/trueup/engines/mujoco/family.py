@@ -43,6 +43,7 @@ from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
+from trueup.engines.mujoco.setup.torques_given import torques_given
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
 from trueup.engines.mujoco.wiring import is_speed_servo
 from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
@@ -124,12 +125,8 @@ class Articulated(Family):
         return (*beyond, *units, *turned, *feet, *beside_commands(recordings), *at_other_voltages(recordings))
 
     def suited(
-        self,
-        model: Model,
-        training: Sequence[Recording],
-        held_out: Sequence[Recording] = (),
-        refuse: Collection[str] = (),
-    ) -> Suited:
+        self, model: Model, training: Sequence[Recording], held_out: Sequence[Recording] = (), refuse: Collection[str] = ()
+    ) -> Suited:  # fmt: skip
         """See Family: joints by the model's names, commands that its drives take."""
         drives = model.counted()
         others = self.others(model)
@@ -179,10 +176,8 @@ class Articulated(Family):
         notes: tuple[Note, ...] = (*loaded, *found, *silent, *check_base(model, everything))
         lines, proposed = _lines(model, training, request)
         declared = request.parameters is not None
-        names = {
-            "recording": tuple(r.name for r in everything),
-            "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
-        }
+        names = {"recording": tuple(r.name for r in everything),
+                 "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels))}  # fmt: skip
         known = {**model.settings(), **read_gains(request.parameters)}
         gains, named = Gains.named_by(everything, known, {} if model.guessed else _stiffness(model))
         simulator, more = self.made(model, lines, names, gains, request.step or STEP, declared=declared)
@@ -201,6 +196,10 @@ class Articulated(Family):
         if not isinstance(simulator, MujocoSimulator):
             return simulator
         return simulator.with_gains(Gains.named_by(recordings, simulator.gains.given_for)[0])
+
+    def torques(self, simulator: Any, recordings: Sequence[Recording]) -> tuple[Any, Sequence[Recording]]:
+        """See Family: what motors give when they are commanded."""
+        return torques_given(self.file_of(simulator), recordings)
 
     def for_whole_runs(self, simulator: Any) -> Simulator:
         """See Family."""

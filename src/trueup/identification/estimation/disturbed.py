@@ -204,30 +204,43 @@ class _Looked:
         return "; ".join(said)
 
 
-def without_disturbed(
-    logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree, drives: Drives, *, refused: bool = False
-) -> tuple[list[Log], list[Log], list[str]]:  # fmt: skip
-    """Logs that are fitted and those that judge, without stretches in which something acted on the arm unless that is
-    `refused`, and what to say of them.
+Spans = dict[str, list[tuple[float, float]]]
+"""First and last instant in s of stretches, by the name of a recording."""
 
-    Nothing is left out where a load explains it, which is said elsewhere, or where a log is too short to tell.
+
+def disturbed(logs: Sequence[Log], tree: KinematicTree, drives: Drives) -> tuple[Spans, str]:
+    """Stretches of logs in which something acted on the arm, and what to say of them; none where a load explains them, which
+    is said elsewhere, or where a log is too short to tell.
     """
-    every = [*logs, *judged]
-    looked = _looked(every, tree, drives)
+    looked = _looked(logs, tree, drives)
     stretches, rest = ([], USUAL) if looked is None else looked.found()
     if looked is None or not stretches or looked.loaded(stretches):
-        return list(logs), list(judged), []
-    note = (
+        return {}, ""
+    spans: Spans = {}
+    for k, first, last in stretches:
+        time = looked.parts[k].time
+        spans.setdefault(logs[k].name, []).append((float(time[first]), float(time[last])))
+    return spans, (
         "something acted on the arm that no model of it has: a table or a fixture, a hand, another load. Torque is further "
         f"off there than anywhere else: {looked.words(stretches, rest)}"
     )
-    if refused:
-        return list(logs), list(judged), [f"refused, and so not left out: {note}"]
-    for k, first, last in stretches:
-        time = looked.parts[k].time
-        every[k] = replace(every[k], gaps=tuple(sorted({*every[k].gaps, (float(time[first]), float(time[last]))})))
+
+
+def without_disturbed(
+    logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree, drives: Drives, *, refused: bool = False
+) -> tuple[list[Log], list[Log], list[str]]:  # fmt: skip
+    """Logs that are fitted and those that judge, without stretches in which something acted on the arm (see `disturbed`)
+    unless that is `refused`, and what to say of them.
+    """
+    spans, note = disturbed([*logs, *judged], tree, drives)
+    if not spans or refused:
+        return list(logs), list(judged), [f"refused, and so not left out: {note}"] if spans else []
+    fitted, others = (
+        [replace(x, gaps=tuple(sorted({*x.gaps, *spans[x.name]}))) if x.name in spans else x for x in each]
+        for each in (logs, judged)
+    )
     said = f"{note}. That is left out, of what the model is judged by too (--refuse {NAME}: it stays)"
-    return every[: len(logs)], every[len(logs) :], [said]
+    return fitted, others, [said]
 
 
 def _looked(logs: Sequence[Log], tree: KinematicTree, drives: Drives) -> _Looked | None:

@@ -190,7 +190,7 @@ def _known(model: Model, recording: Recording) -> Iterator[KnownTorque]:
         actuator = model.index("actuator", name)
         known[driven[actuator]] = is_motor(compiled, actuator)
         control = held[:, :, column] * control_of(model, name, command.unit_of(command.labels[column]))
-        torque[:, driven[actuator]] = _given(compiled, actuator, control).mean(axis=0)
+        torque[:, driven[actuator]] = given(compiled, actuator, control).mean(axis=0)
     noise = np.zeros(compiled.nv)
     seen = [j for j in joints if j not in unseen]
     noise[_dofs(compiled, seen)] = np.nan_to_num(speed_noise(measured.select(seen)))
@@ -209,7 +209,7 @@ def _dofs(compiled: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.intp]:
     return np.array([compiled.jnt_dofadr[joint_id(compiled, j)] for j in joints], dtype=np.intp)
 
 
-def _given(compiled: mujoco.MjModel, actuator: int, asked: Array) -> Array:
+def given(compiled: mujoco.MjModel, actuator: int, asked: Array) -> Array:
     """Torques at the joint of an actuator that is asked for controls, of any shape, within all limits."""
 
     def within(values: Array, limited: object, bounds: Array) -> Array:
