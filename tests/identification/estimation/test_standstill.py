@@ -18,3 +18,12 @@ def test_noise_of_an_arm_on_its_brakes_is_no_motion() -> None:
     v, a = (np.asarray(np.gradient(x, 0.02, axis=0), dtype=np.float64) for x in (q, np.zeros_like(q)))
     motion = Motion("log", time, 50.0, q, v, a, np.zeros_like(q))
     assert motion.span() == pytest.approx((8.0, 22.0), abs=0.15)
+
+
+def test_a_slow_start_is_motion_from_its_beginning() -> None:
+    time: Array = 0.02 * np.arange(500, dtype=np.float64)
+    speed = np.where((time > 3.0) & (time < 6.0), np.sin(2.0 * np.pi * (time - 3.0) / 3.0), 0.0) + 0.015
+    v = np.stack([speed, np.zeros_like(speed)], axis=1)
+    q = 0.02 * np.cumsum(v, axis=0)
+    motion = Motion("log", time, 50.0, q, v, np.zeros_like(q), np.zeros_like(q))
+    assert motion.span() == pytest.approx((0.0, time[-1]), abs=0.05)

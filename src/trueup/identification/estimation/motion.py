@@ -61,16 +61,18 @@ class Motion:
 
     def span(self) -> tuple[float, float]:
         """First and last instant in s of the motion, without standstill at either end, where friction or a brake may hold
-        any load; of the log, where nothing moves. Noise of speeds is no motion: a joint must get away from where it stood.
+        any load; of the log, where nothing moves. Noise of speeds is no motion: it begins with the last rest before a joint
+        gets away from where it stood, as it ends.
         """
         begun, ends = (np.flatnonzero(np.abs(self.q - self.q[k]).max(axis=1) > STILL) for k in (0, -1))
         if np.ptp(self.q, axis=0).max() < STILL or not (begun.size and ends.size):
             return float(self.time[0]), float(self.time[-1])
         speed = np.abs(self.v).max(axis=1)
-        fast = np.flatnonzero(speed > _RESTING * float(np.quantile(speed, 0.99)))
-        if not fast.size:
-            return 0.0, 0.0
-        return float(self.time[max(fast[0], begun[0])]), float(self.time[min(fast[-1], ends[-1])])
+        rests = np.flatnonzero(speed <= _RESTING * float(np.quantile(speed, 0.99)))
+        before, after = rests[rests <= begun[0]], rests[rests >= ends[-1]]
+        first = int(before[-1]) if before.size else 0
+        last = int(after[0]) if after.size else len(speed) - 1
+        return float(self.time[first]), float(self.time[last])
 
 
 @dataclass(frozen=True, eq=False)
