@@ -18,10 +18,11 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.ends import End
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.inspection.outstanding import NAME
 from trueup.loop.changed import changes
 from trueup.loop.checks import check
 from trueup.loop.chooser import Chooser
-from trueup.loop.disturbed import NAME, LeftOut, disturbed, seen_in
+from trueup.loop.disturbed import LeftOut, disturbed, seen_in
 from trueup.loop.earlier import Earlier
 from trueup.loop.estimates import estimated, with_structure, with_ties
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by

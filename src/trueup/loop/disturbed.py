@@ -18,7 +18,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Replay
 from trueup.inspection.inspection import Gap
-from trueup.inspection.outstanding import joined, outstanding
+from trueup.inspection.outstanding import MOST, NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG, USUAL
 from trueup.inspection.repeats import BASE
@@ -27,16 +27,12 @@ from trueup.noise import OF_MEDIAN
 from trueup.recording import Recording
 from trueup.trial import command_of
 
-NAME = "disturbed"
-"""By which leaving such stretches out may be refused."""
 _JOINTS = "position"
 """The channel in which it is seen."""
 _SHORT = 0.1 * LONG
 """s over which speeds of commands are told apart."""
 _LEAST = 1e-3
 """rad, m or N m that a command goes at least: encoders see less than that, and numbers are written with as much."""
-_MOST = 0.5
-"""Of a recording: what differs for longer than that was another robot, or another load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +215,7 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
     for one in every:
         times = np.nan_to_num(one.off) / np.array([usual[label] for label in one.labels])
         own = joined(np.any(times > USUAL, axis=1), one.time)
-        lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > _MOST * float(one.time[-1] - one.time[0])
+        lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > MOST * float(one.time[-1] - one.time[0])
         for first, last in own:
             most = times[first : last + 1].max(axis=0)
             begun = float(one.time[first] - one.time[0])

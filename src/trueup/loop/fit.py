@@ -12,10 +12,10 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
+from trueup.inspection.outstanding import NAME
 from trueup.loop.alike import all_alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
-from trueup.loop.disturbed import NAME
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
 from trueup.loop.problem import FAITHFUL, Problem

@@ -22,10 +22,11 @@ from trueup.engines.simulator import Respaced, Simulator
 from trueup.errors import CalibrationError, ModelError, SimulationFailedError, unknown_name
 from trueup.inspection.alignment import clock_errors
 from trueup.inspection.diagnosis import Diagnosis, check_refused
+from trueup.inspection.outstanding import NAME
 from trueup.inspection.si import in_si
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
-from trueup.loop.disturbed import NAME, disturbed, seen_in
+from trueup.loop.disturbed import disturbed, seen_in
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem

@@ -24,17 +24,13 @@ from trueup.identification.estimation.motion import Log, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
-from trueup.inspection.outstanding import FAR, joined, outstanding
+from trueup.inspection.outstanding import FAR, MOST, NAME, joined, outstanding
 from trueup.inspection.released import USUAL
 from trueup.noise import spread
 from trueup.rounding import TINY
 
-NAME = "disturbed"
-"""By which leaving such stretches out may be refused."""
 _AGREE = 0.5
 """Of the samples: those that the fit is made to. As many may be disturbed as are not, and no fit can stand more."""
-_MOST = 0.5
-"""Of a recording: what differs for longer than that is another load, a hand that moves the arm, a mistake in the log."""
 _TURNS = 30
 """Times that samples are chosen by the fit and the fit made anew: they settle in 4 to 16."""
 _RESTS = 0.03
@@ -136,7 +132,7 @@ class _Looked:
         off = [t.max(axis=1) for t in self.times(inside)]
         for level in (USUAL, FAR * USUAL):
             found, rest = self._beyond(off, level)
-            if all(self._share([s for s in found if s[0] == k]) <= _MOST for k, _, _ in found):
+            if all(self._share([s for s in found if s[0] == k]) <= MOST for k, _, _ in found):
                 return found, rest
         return [], rest
 

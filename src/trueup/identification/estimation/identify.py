@@ -20,7 +20,7 @@ from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.couplings import confirmed, coupled, coupling_notes
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.diagnosis import check_log, grouped
-from trueup.identification.estimation.disturbed import NAME, without_disturbed
+from trueup.identification.estimation.disturbed import without_disturbed
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import (
     Estimate,
@@ -54,6 +54,7 @@ from trueup.identification.estimation.selection import (
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.inspection.diagnosis import check_refused
+from trueup.inspection.outstanding import NAME
 from trueup.recording import Recording
 
 Told = Callable[[str, float], None]
