@@ -11,6 +11,7 @@ import pytest
 
 from trueup.loop.calibrate import Options
 from trueup.loop.disturbed import LeftOut
+from trueup.loop.fit import SHIPPED
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.pushed import pushed
 from trueup.recording import Channel, Recording
@@ -45,10 +46,10 @@ def run(number: int, *, table: bool) -> Recording:
     return Recording(f"run{number}", {c.name: c for c in channels})
 
 
-def ready(folder: Path, recordings: list[Recording], *, table: bool = False) -> Preparation:
+def ready(folder: Path, recordings: list[Recording], *refused: str, table: bool = False) -> Preparation:
     (folder / "arm.xml").write_text(ARM.format(damping=0.2, table=int(table)))
     (folder / "parameters.toml").write_text(PARAMETERS)
-    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml", refuse=["zero"])
+    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml", refuse=["zero", *refused])
 
 
 def known(made: Preparation) -> LeftOut:
@@ -62,6 +63,13 @@ def test_a_table_in_every_log_is_left_out_and_damping_comes_out_right(tmp_path: 
     done = made.calibrate(Options(search="gradient", select=False, cross_validate=False))
     assert any("something acted on the arm" in w and "left out" in w for w in done.warnings)
     assert [e.value for e in done.estimates] == pytest.approx([TRUE, TRUE], rel=0.05)
+
+
+def test_a_table_that_is_to_stay_is_named(tmp_path: Path) -> None:
+    made = ready(tmp_path, [run(0, table=True), run(1, table=True)], "disturbed")
+    done = made.calibrate(Options(stages=SHIPPED, select=False, cross_validate=False))
+    assert any(w.startswith("refused") and "Torque is further off" in w for w in done.warnings)
+    assert {r.recording for r in done.replays} == {"run0", "run1"}
 
 
 def test_nothing_is_left_out_of_an_arm_by_itself_or_where_the_model_has_the_table(tmp_path: Path) -> None:

@@ -92,7 +92,8 @@ def calibrate(
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
     began, cpu, warnings = time.perf_counter(), time.process_time(), check(recordings, hold_out)
-    less = LeftOut.kept_in(resume) if left_out is None else left_out
+    known = LeftOut.kept_in(resume) if left_out is None else left_out
+    less = LeftOut() if options is not None and options.undisturbed is False else known
     training, judged = less.of(recordings), less.of(hold_out)
     space = simulator.parameters if space is None else space
     chosen = _with_entering(options or Options(), space)
@@ -117,7 +118,7 @@ def calibrate(
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
     if chosen.undisturbed and more.gaps:
         shown = laid.replayed(found.values, more.of(judged))
-    told = (*warnings, *less.and_also(more).said(bool(chosen.undisturbed)), *changes(problem, found))
+    told = (*warnings, *known.and_also(more).said(bool(chosen.undisturbed)), *changes(problem, found))
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
     crossed = _cross_validation(problem, found, shown) if chosen.cross_validate and len(training) > 1 else ()
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,

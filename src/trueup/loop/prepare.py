@@ -95,7 +95,7 @@ class Preparation:
         """
         chosen, measure = options or Options(), discrepancy
         before = Earlier.of(earlier) if isinstance(earlier, Calibration) else earlier
-        acts = resume is None and self._leaves_out(chosen.undisturbed)
+        acts = resume is None and self._leaves_out(chosen.undisturbed) is not None
         acted = pushed(self.family, self.simulator, (*self.recordings, *self.hold_out)) if acts else None
 
         def fit(
