@@ -83,8 +83,8 @@ class Calibrate:
     select: bool = True
     choose: bool = False
     """Before each fit, keep only those parameters on which replays hang and that the recordings can tell."""
-    lacking: bool = False
-    """Ask recordings of more than a minute, too, what the model lacks, which can double the time."""
+    lacking: bool | None = None
+    """Ask recordings what the model lacks, which can double the time; left out: those of no more than a minute."""
     robust: float = 3.0
 
 

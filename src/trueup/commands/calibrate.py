@@ -85,9 +85,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              "tell, and say why each was taken or left: for a file that declares much")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
-    parser.add_argument("--lacking", action="store_true",
-                        help="ask recordings of more than a minute, too, what the model lacks (a dead band, gears that "
-                             "twist, springs), which can double the time")  # fmt: skip
+    parser.add_argument("--lacking", action=argparse.BooleanOptionalAction,
+                        help="ask recordings what the model lacks (a dead band, gears that twist, springs), which can "
+                             "double the time; without either, those of no more than a minute are asked")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="start anew in DIR and replace what is there")
 
 

@@ -70,8 +70,9 @@ class Options:
     """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
     ends: tuple[End, ...] = ()
     """Conditions that stop a simulated run early: its last state is then compared with what the robot went on to do."""
-    lacking: bool = False
-    """Ask recordings of more than a minute, too, what the simulator lacks, which can double the time."""
+    lacking: bool | None = None
+    """Ask recordings what the simulator lacks, which can double the time, and take several times as long where feet touch.
+    None: those of no more than a minute."""
     solver: Callable[..., LeastSquares] = LeastSquares
     """Makes the least squares that every look at the recordings is solved by."""
 
@@ -202,8 +203,8 @@ def _findings(
     """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
     covariance = unit_covariance(problem, found)
-    unasked = () if chosen.lacking else unasked_by(problem, found)
-    lacking = None if unasked else missing(problem, found, earlier)
+    unasked = unasked_by(problem, found) if chosen.lacking is None else ()
+    lacking = None if unasked or chosen.lacking is False else missing(problem, found, earlier)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes), *unasked)
     limits = limits_seen(problem, found)
     declared = problem.simulator.parameters

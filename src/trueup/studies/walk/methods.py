@@ -71,7 +71,9 @@ class Calibrated:
         walked = [legs(r, torso=True).slice(r.start + 1.0, r.start + 1.0 + half) for r in stood[-2:]]
         space = simulator.parameters
         motors = space.freeze([n for n in space.names if n not in MOTOR])
-        found = calibrate(simulator, walked, options=Options(select=False, cross_validate=False), space=motors)
+        found = calibrate(
+            simulator, walked, options=Options(select=False, cross_validate=False, lacking=False), space=motors
+        )
         scene = replace(self.base, corrected=False).prepared(story, seed)
         models = found.values[None]
         correction = _correction(story, simulator, scene.walk, models) if self.base.corrected else None
