@@ -35,7 +35,7 @@ NOISE = 2e-4  # rad
 
 
 def calibrated(
-    folder: Path, gear: str, more: str = "", truth: str = ARM, time: Array = TIME, lacking: bool = False
+    folder: Path, gear: str, more: str = "", truth: str = ARM, time: Array = TIME, lacking: bool | None = None
 ) -> Calibration:
     """The arm without a gear, fitted to motions of one with `gear` (and otherwise as `truth`)."""
     rng = np.random.default_rng(5)
@@ -84,6 +84,12 @@ def test_recordings_of_more_than_a_minute_are_asked_what_is_missing_where_that_i
     assert not quick.lacking
     assert any("60 s long" in note or "62 s long" in note for note in quick.notes)
     assert "gear" in calibrated(tmp_path, GEAR, time=long, lacking=True).lacking
+
+
+def test_no_recording_is_asked_what_is_missing_where_that_is_refused(tmp_path: Path) -> None:
+    refused = calibrated(tmp_path, GEAR, time=TIME[TIME < 4.0], lacking=False)
+    assert not refused.lacking
+    assert not any("what the model lacks" in note for note in refused.notes)
 
 
 @pytest.mark.parametrize("error", [SimulationFailedError, CalibrationError])
