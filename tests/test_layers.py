@@ -43,6 +43,7 @@ NOUNS = (
     "chance",
     "paths",
     "calibration",
+    "verdicts",
     "inspection",
     "formats",
     "film",

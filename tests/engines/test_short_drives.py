@@ -18,6 +18,7 @@ from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.family import slow_in_one_way
 from trueup.engines.vehicle.look import Look
+from trueup.engines.vehicle.noisy_starts import by_both
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle
@@ -258,3 +259,19 @@ def test_a_slow_command_and_a_soft_controller_are_claimed_together_only() -> Non
     assert "together 0.75 s" in slow.note
     alone = (lag, replace(gain, fitted=False, verdict="frozen"), delay)
     assert slow_in_one_way(alone) == alone
+
+
+def test_what_two_ways_of_fitting_tell_very_differently_is_not_identified() -> None:
+    space = VehicleSimulator(Vehicle("car", BASE, drive=PURSUED)).vehicle.space()
+    lag = Estimate("speed_lag", "s", 0.05, 0.06, 0.04, 0.08, 0.0, 1.0, True, "identified")
+    delay = Estimate("speed_delay", "s", 0.03, 0.1, 0.09, 0.11, -0.1, 1.0, True, "identified")
+    scale = Estimate("speed_scale", "m/s", 1.0, 1.0, 0.98, 1.02, 0.01, 100.0, True, "identified")
+    others = (
+        replace(lag, low=0.0, high=1.0),
+        replace(delay, low=0.0, high=0.3),
+        replace(scale, low=0.99, high=1.05),
+    )
+    open_, rough, sure = by_both((lag, delay, scale), others, space)
+    assert (open_.verdict, rough.verdict, sure.verdict) == ("not identified", "weak", "identified")
+    assert (open_.low, open_.high) == (0.0, 1.0)
+    assert "known to" in rough.note

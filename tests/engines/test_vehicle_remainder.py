@@ -18,8 +18,10 @@ VALUES = {"speed_gain": 5.0, "turn_lag": 0.12, **dict.fromkeys(("speed_delay", "
           "push_lasts": 0.0, "trim_lasts": 0.0}  # fmt: skip
 
 
-def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0) -> Recording:
-    """A robot on two driven wheels; a trailer 0.6 m behind holds it back from turning, or it skids aside in its turns."""
+def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0, slope: float = 0.0, sags: float = 0.0) -> Recording:
+    """A robot on two driven wheels; a trailer 0.6 m behind holds it back from turning, or it skids aside in its turns, or it
+    drives on a floor that slopes (rad), or its battery gives less and less (share in the end).
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, SECONDS, STEP)
     knots = np.arange(0.0, SECONDS + 2.0, 2.0)
@@ -28,10 +30,11 @@ def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0) -> Recording:
     )
     x = y = psi = v = w = hinge = 0.0
     rows, fine = [], 10
-    for speed, turn in told.tolist():
+    full = 1.0 + sags * (0.5 - time / SECONDS)
+    for speed, turn in (told * full[:, None]).tolist():
         rows.append([x, y, psi])
         for step in [STEP / fine] * fine:
-            v += step * VALUES["speed_gain"] * (speed - v)
+            v += step * VALUES["speed_gain"] * (speed - v) - step * 9.81 * slope * np.cos(psi - 0.7)
             w += step / VALUES["turn_lag"] * (turn - w)
             turned = w - trailer * v * np.sin(hinge)
             hinge += step * (turned - v / 0.6 * np.sin(hinge))
@@ -48,14 +51,21 @@ def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("aspect", "trailer", "skids"), [("heading", 0.4, 0.0), ("across the vehicle", 0.0, 0.2), ("", 0.0, 0.0)]
+    ("cause", "aspect", "lacks"),
+    [
+        ("what was commanded", "heading", {"trailer": 0.4}),
+        ("what was commanded", "across the vehicle", {"skids": 0.2}),
+        ("how long the vehicle had driven", "heading", {"sags": 0.3}),
+        ("which way the vehicle faced", "along the vehicle", {"slope": 0.05}),
+        ("", "", {}),
+    ],
 )
-def test_errors_that_go_with_the_commands_are_told_of(aspect: str, trailer: float, skids: float) -> None:
+def test_errors_that_go_with_something_are_told_of(cause: str, aspect: str, lacks: dict[str, float]) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
-    drives = [robot.prepared(drive(seed, trailer=trailer, skids=skids)) for seed in (0, 1)]
+    drives = [robot.prepared(drive(seed, **lacks)) for seed in (0, 1)]
     said = unlike_commanded(robot, np.zeros(0), drives, 3.0)
     assert len(said) == bool(aspect)
-    assert all(aspect in text and "goes with what was commanded" in text for text in said)
+    assert all(aspect in text and f"goes with {cause}" in text for text in said)
 
 
 @pytest.mark.parametrize("seconds", [2.0, 20.0])

@@ -100,9 +100,10 @@ def test_a_current_that_is_cut_off_is_saturated() -> None:
     assert any("rests at its extreme" in sentence for sentence in inspection.findings())
 
 
-def test_a_quaternion_near_upright_is_not_cut_off() -> None:
+@pytest.mark.parametrize("labels", [("w", "x", "y", "z"), ("qw", "qx", "qy", "qz")])
+def test_a_quaternion_near_upright_is_not_cut_off(labels: tuple[str, ...]) -> None:
     half = np.round(0.5 * 0.3 * np.clip(np.sin(TIME), 0.0, 1.0), 5)
-    turn = Channel("base_orientation", ("w", "x", "y", "z"), "", TIME,
+    turn = Channel("base_orientation", labels, "", TIME,
                    np.round(np.stack([np.cos(half), np.sin(half), 0.0 * half, 0.0 * half], axis=1), 5))  # fmt: skip
     assert not any("rests at its extreme" in sentence for sentence in inspect(recording(turn)).findings())
 

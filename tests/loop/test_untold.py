@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from trueup.calibration import Calibration, Estimate
 from trueup.engines.simulator import Simulator
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.identifiability import Verdict
 from trueup.loop.untold import as_open
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
+from trueup.verdicts import Verdict
 
 Array = NDArray[np.float64]
 Formula = Callable[[Callable[[Array, Array, float], Array], ParameterSpace], Simulator]

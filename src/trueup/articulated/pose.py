@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trueup.arrays import Array
@@ -27,6 +29,11 @@ def in_angles(recording: Recording) -> Recording:
     else:
         return recording
     return recording.with_channel(channel.replace(labels=ANGLES, unit="rad", values=unwound(values)))
+
+
+def is_quaternion(labels: Sequence[str]) -> bool:
+    """Whether labels are those of a quaternion: w, x, y, z, or qw, qx, qy, qz, in any order."""
+    return sorted(label.removeprefix("q") for label in labels) == sorted("wxyz")
 
 
 def angles_of(quaternion: Array) -> Array:

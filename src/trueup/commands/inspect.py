@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from trueup.articulated.pose import is_quaternion
 from trueup.commands.console import notes, tell
 from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, recordings_in
 from trueup.errors import ClockError, MappingError
@@ -231,14 +232,15 @@ def _show(inspection: Inspection, console: Console) -> None:
         tell(console, f"  [yellow]mind[/] {escape(sentence)}")
 
 
-_UNITLESS = {"load": "of what it is rated for", "base_orientation": "of a quaternion"}
+_UNITLESS = {"load": "of what it is rated for"}
 
 
 def _line(channel: ChannelInspection) -> str:
     if channel.name in SETTINGS:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
-    none = _UNITLESS.get(channel.name, "unit unknown: say it in the mapping")
+    unsaid = "of a quaternion" if is_quaternion(channel.labels) else "unit unknown: say it in the mapping"
+    none = _UNITLESS.get(channel.name, unsaid)
     if channel.name.startswith("command") and all(
         _is_share(x) for x, u in zip(channel.labels, units, strict=True) if not u
     ):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.articulated.pose import is_quaternion
 from trueup.inspection.suspicions import suspicions
 from trueup.instant import usual_step
 from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
@@ -193,7 +194,7 @@ def _repeats(channel: Channel) -> tuple[int, int]:
 
 def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
     """Whether a column rests at its largest size for long; a position only where its command goes further."""
-    if set(channel.labels) == set("wxyz"):
+    if is_quaternion(channel.labels):
         return False  # of a unit quaternion that is upright w is 1 and can be no more
     few_levels = 10  # a signal with fewer distinct values is a switch: resting at its highest is no saturation
     column = channel.column(label)

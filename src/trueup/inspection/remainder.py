@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether what a calibrated vehicle is predicted wrong by goes with what it was told: then its structure is another one.
 
-What is left beyond the noise may be the floor's or the battery's. What goes with the commands is not. No list of vehicles
-is looked through (trailers, rear wheels that steer, tyres that scrub): a regression without any structure is asked, and has
-to foretell what it did not see.
+No list of vehicles is looked through (trailers, rear wheels that steer, tyres that scrub): a regression without any structure
+is asked, and has to foretell what it did not see. The same is asked of how long the vehicle has driven (a battery that
+empties) and of which way it faces (a floor that slopes).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,17 @@ EVERY = 0.25
 STRETCH = 10.0
 """In s: what is left out together, several times as long as a prediction."""
 SIDES = ("position along the vehicle", "position across the vehicle", "heading")
+TOLD, DRIVEN, FACED = "what was commanded", "how long the vehicle had driven", "which way the vehicle faced"
+MEANS = {
+    TOLD: "The vehicle moves in a way that the simulated one cannot (as with a trailer, with wheels that steer or slip "
+    "otherwise, or with something else that was commanded and is not in the mapping), and values found for it make up for "
+    "that",
+    DRIVEN: "Something changes while it drives that the simulated one keeps (as where a battery empties, or motors and tyres "
+    "get warm), and values found for it are those of a mean of the drives",
+    FACED: "Something of the place acts on it that the simulated one does not know (as on a floor that slopes, or in wind), "
+    "and values found for it make up for that",
+}
+"""What errors may go with, and what that means."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,26 +46,29 @@ class Astray:
     unsure where it began is hardly in that."""
     noise: Array
     """(3,) standard deviations of these as they are measured, pose by pose."""
-    told: Array
-    """(S, F) means of commands around each prediction, and speed and turn rate where it began, with their products."""
+    beside: Mapping[str, Array]
+    """(S, F) of each of `MEANS`: means of commands around each prediction, and speed and turn rate where it began, with
+    their products; the time driven, from the middle of the drive, and its products with means of commands; cosines and sines
+    of the heading.
+    """
 
 
 def unlike(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
-    """What to say of drives whose errors `horizon` s ahead a regression on the commands foretells: nothing where left-out
-    errors do not become half as large, by the rule of evidence.
+    """What to say of drives whose errors `horizon` s ahead a regression foretells, on what does so best: nothing where
+    left-out errors do not become half as large, by the rule of evidence.
     """
     if not each:
         return ()
-    shown = zip(SIDES, foretold(each, horizon), _beyond_noise(each), strict=True)
-    clear = [(side, e) for side, e, beyond in shown if beyond and e.halves]
+    beyond = _beyond_noise(each)
+    asked = [(cause, side, e, b) for cause in MEANS
+             for side, e, b in zip(SIDES, foretold(each, horizon, cause), beyond, strict=True)]  # fmt: skip
+    clear = [(cause, side, e) for cause, side, e, b in asked if b and e.halves]
     if not clear:
         return ()
-    side, most = max(clear, key=lambda found: found[1].gain)
+    cause, side, most = max(clear, key=lambda found: found[2].gain)
     return (
-        f"what is left goes with what was commanded: a regression on the commands foretells the error of the {side} "
-        f"{horizon:g} s ahead, left-out errors are {most.in_words()} with it. The vehicle moves in a way that the simulated "
-        "one cannot (as with a trailer, with wheels that steer or slip otherwise, or with something else that was commanded "
-        "and is not in the mapping), and values found for it make up for that",
+        f"what is left goes with {cause}: a regression on that foretells the error of the {side} {horizon:g} s ahead, "
+        f"left-out errors are {most.in_words()} with it. {MEANS[cause]}",
     )
 
 
@@ -64,15 +78,16 @@ def _beyond_noise(each: Sequence[Astray]) -> Mask:
     return squares > (EXPLAINED * np.max([a.noise for a in each], axis=0)) ** 2
 
 
-def foretold(each: Sequence[Astray], horizon: float) -> list[Evidence]:
-    """What left-out stretches of drives say of a regression on the commands, for each of `SIDES`; nothing where there are
+def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[Evidence]:
+    """What left-out stretches of drives say of a regression on one of `MEANS`, for each of `SIDES`; nothing where there are
     fewer than are worth asking.
     """
     parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // STRETCH)]
     if len(parts) < FEWEST_PARTS:
         return [Evidence(0.0, float("inf"))] * len(SIDES)
     drive = np.concatenate([np.full(len(a.begun), k) for k, a in enumerate(each)])
-    begun, errors, told = (np.concatenate([getattr(a, n) for a in each]) for n in ("begun", "errors", "told"))
+    begun, errors = (np.concatenate([getattr(a, n) for a in each]) for n in ("begun", "errors"))
+    told = np.concatenate([a.beside[cause] for a in each])
     table = np.column_stack([np.ones(len(told)), (told - told.mean(axis=0)) / (told.std(axis=0) + TINY)])
     without, with_it = [], []
     for k, n in parts:
@@ -104,6 +119,10 @@ def means(commands: Array, starts: Integers, edges: Integers) -> Array:
     at = np.clip(starts[:, None] + edges[None], 0, len(commands))
     means = np.diff(until[at], axis=1) / np.maximum(np.diff(at, axis=1), 1)[:, :, None]
     return means.reshape(len(starts), means.shape[1] * means.shape[2])
+
+
+CUBES = 10
+"""Columns of `cubes`, of which the first two are the pairs themselves."""
 
 
 def cubes(pairs: Array) -> Array:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from trueup.arrays import Array, Mask
 from trueup.calibration import Calibration
 from trueup.errors import ParameterError
-from trueup.loop.uncertainty import PRIOR
 from trueup.parameters import ParameterSpace
+from trueup.verdicts import PRIOR
 
 UNSEEN = 0.1
 """Standard deviation, as a share of its range, of a parameter that the recordings could not tell."""

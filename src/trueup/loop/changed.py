@@ -18,7 +18,7 @@ from trueup.loop.descent import Fit, explained
 from trueup.loop.problem import Problem
 from trueup.loop.segment import Segment, labelled
 from trueup.loop.selection import compared
-from trueup.loop.uncertainty import PRIOR
+from trueup.verdicts import PRIOR
 
 _STRETCHES = 4 * FEWEST_PARTS
 """A recording is cut into, of which each part has enough (`FEWEST_PARTS`)."""

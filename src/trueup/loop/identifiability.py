@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
-from trueup.loop.uncertainty import intervals, vague
+from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
+from trueup.verdicts import Verdict, advice, judged
 
 # Share of the box: a direction with an interval this wide is named.
 _LOOSE = 0.12
@@ -21,14 +21,6 @@ NO_EFFECT = 1e-3
 UNSEEN = "no effect"
 UNTOLD = (UNSEEN, "not identified")
 """Verdicts on what the recordings do not see, or hardly."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What is to be thought of one estimate, and why."""
-
-    word: str
-    note: str = ""
 
 
 def effects(fit: Fit) -> Array:
@@ -53,27 +45,8 @@ def _verdict(
     p: Parameter, unit: float, spread: float, strength: float, value: float, low: float, high: float
 ) -> Verdict:
     if strength < NO_EFFECT:
-        return Verdict(UNSEEN, f"changing it changes nothing in these recordings{_advice(p)}")
+        return Verdict(UNSEEN, f"changing it changes nothing in these recordings{advice(p)}")
     return judged(p, unit, spread, value, low, high)
-
-
-def judged(p: Parameter, unit: float, spread: float, value: float, low: float, high: float) -> Verdict:
-    """On an estimate at `unit` of its box, with a standard deviation of `spread` there, which has an effect."""
-    if vague(spread):
-        return Verdict("not identified", f"the recordings leave it open{_advice(p)}")
-    if unit < 2e-3 or unit > 1 - 2e-3:
-        which = "lower" if unit < 0.5 else "upper"
-        if (p.optional or p.vanishes) and unit < 0.5:
-            return Verdict("at bound", f"none is seen ({p.optional or p.name} at its {which} bound)")
-        return Verdict("at bound", f"it wants to go beyond its {which} bound: widen it, or something else is missing")
-    size = max(abs(value), 1e-2 * (p.upper - p.lower))
-    if (high - low) / 2 > 0.5 * size and spread > 0.02:
-        return Verdict("weak", f"known to {100 * (high - low) / 2 / size:.0f} % only{_advice(p)}")
-    return Verdict("identified")
-
-
-def _advice(p: Parameter) -> str:
-    return f"; {p.shown_by} would show it" if p.shown_by else ""
 
 
 def unseen_directions(fit: Fit, covariance: Array, told: Collection[str] = ()) -> list[str]:

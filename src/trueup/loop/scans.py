@@ -17,9 +17,9 @@ from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import PRIOR
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
+from trueup.verdicts import PRIOR
 
 # Shares of the way to a bound at which parameters are looked at: what cannot be less than none has no slope there.
 _SIZES = 10.0 ** np.arange(-3.75, 0.0, 0.75)

@@ -13,7 +13,6 @@ from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, UNSEEN, UNTOLD, effects, verdicts
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import PRIOR, vague
 from trueup.loop.validate import (
     Block,
     by_setting,
@@ -26,6 +25,7 @@ from trueup.loop.validate import (
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
 from trueup.search.robust import robust_losses
+from trueup.verdicts import PRIOR, vague
 
 _PLAINLY = 10.0
 """Of what proves one parameter: where slopes leave no doubt, and what settling by slopes may leave of less than a tenth."""

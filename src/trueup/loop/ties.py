@@ -20,10 +20,10 @@ from trueup.calibration import NORMAL_95, Estimate
 from trueup.engines.simulator import related_of
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import PRIOR, vague
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
 from trueup.search.robust import robust_weights
+from trueup.verdicts import PRIOR, vague
 
 _STEP = 1e-3  # share of its value or range by which a quantity is moved
 EXCERPT = 20.0  # s of motion: what is parallel, or lacking, is so in every motion

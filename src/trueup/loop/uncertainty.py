@@ -10,17 +10,10 @@ from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.rounding import NEGLIGIBLE, TINY
+from trueup.verdicts import PRIOR
 
-# Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
-PRIOR = 12.0
 FORETOLD = 0.5  # share of the box: slopes foretell nothing further away
 INEXACT = 1e-4  # damping of steps of others to where they settle: slopes are not exact beside the optimum
-_NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
-
-
-def vague(spread: float) -> bool:
-    """Whether a standard deviation, as a share of the box, says hardly more than that the value is somewhere in it."""
-    return bool(spread * PRIOR**0.5 > _NARROWED)
 
 
 def unit_covariance(problem: Problem, fit: Fit) -> Array:

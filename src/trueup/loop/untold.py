@@ -16,13 +16,14 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Estimate
 from trueup.loop.descent import Descent, Fit, Look
-from trueup.loop.identifiability import NO_EFFECT, Verdict
+from trueup.loop.identifiability import NO_EFFECT
 from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
-from trueup.loop.uncertainty import unit_covariance, vague
+from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses
+from trueup.verdicts import Verdict, vague
 
 _ASIDE = 0.05  # share of the box over which slopes are taken: beyond the stairs of delays, and open that far anyway
 

@@ -15,10 +15,11 @@ from trueup.evidence import FEWEST_PARTS
 from trueup.inspection import inspect
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import FORETOLD, INEXACT, PRIOR
+from trueup.loop.uncertainty import FORETOLD, INEXACT
 from trueup.recording import PART_OF, Recording, is_command
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
+from trueup.verdicts import PRIOR
 
 _SHARES = (1.0, 0.25, 0.0625)  # of a step, tried in turn
 _STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn

@@ -21,11 +21,11 @@ from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.shooting import multiple_shooting
 from trueup.loop.stages import Run
-from trueup.loop.uncertainty import PRIOR
 from trueup.loop.windows import OFF, carried
 from trueup.parameters import ParameterSpace
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses, robust_weights
+from trueup.verdicts import PRIOR
 
 _WIDE = 3.0
 """Standard deviations to either side."""

@@ -25,13 +25,13 @@ from trueup.errors import CalibrationError
 from trueup.inspection.repeats import BASE
 from trueup.loop.checks import check
 from trueup.loop.fit import Progress
-from trueup.loop.identifiability import judged
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.whole_runs import SPREAD, WholeRuns, whole_body, whole_runs
 from trueup.loop.worth import SAMPLES, Choice, slopes, worth_calibrating
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.verdicts import judged
 
 _SETTLING = 4  # descents of all that is free, from what was found of what is worth it: slopes are good for two
 

@@ -9,12 +9,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from trueup.arrays import Array, Mask
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 
 _QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
 """Labels of a quaternion, the real part last."""
 _WAY = 0.05  # m at least between the poses that show a direction of motion
 SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
+_TURNS = 10  # times that a lever arm and the zero are found from one another: the error halves each time or better
 _TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
 
 
@@ -67,7 +69,8 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | N
 
     The turn rate adds up to an angle whose zero drifts; the direction from fix to fix, beside the mean angle between them,
     shows the zero, averaged over the last seconds; it is the other way round where the car goes `back` (T,). Nothing that
-    comes later counts, so that a prediction may start there.
+    comes later counts, so that a prediction may start there, but for how far ahead of the axle the point is (an antenna's
+    lever arm), which swings to the outside as the car turns.
     """
     known = np.isfinite(yaw_rate.values[:, 0])
     time, points = position.time[good], position.values[good]
@@ -83,22 +86,42 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | N
     usable &= (time[:-width] >= clock[0]) & (time[width:] <= clock[-1])
     if usable.sum() < 50:
         return None
-    ends = [np.interp(t, clock, area) for t in (time[width:], time[:-width])]
-    direction = np.arctan2(moved[:, 1], moved[:, 0]) + (0.0 if back is None else np.pi * back[good][width:])
+    areas, angles = (np.interp(time, clock, v) for v in (area, angle))
+    mean, turned = (areas[width:] - areas[:-width]) / lasted, angles[width:] - angles[:-width]
+    ahead = np.where(usable, moved[:, 0] + 1j * moved[:, 1], 0.0)
+    flipped = 1.0 if back is None else np.where(back[good][width:], -1.0, 1.0)
     best: tuple[float, Array] = (0.0, np.zeros(0))
     for sign in (1.0, -1.0):
-        zero = np.where(usable, np.exp(1j * (direction - sign * (ends[0] - ends[1]) / lasted)) * way, 0.0)
-        summed, weight = (_fading(time[width:], v) for v in (zero, np.where(usable, way, 0.0)))
-        agree = float(np.mean(np.abs(summed[usable]) / weight[usable]))
+        swung = np.where(usable, 2j * np.sin(0.5 * sign * turned), 0.0) * flipped
+        agree, summed = _zero_of(time[width:], ahead * np.exp(-1j * sign * mean) * flipped, swung)
         if agree > best[0]:
             found = np.concatenate([np.zeros(width), np.unwrap(np.angle(summed))])
-            best = (agree, found + sign * np.interp(time, clock, angle))
+            best = (agree, found + sign * angles)
     if best[0] < _TOGETHER:
         return None
     values = np.full((len(position.time), 1), np.nan)
     started = np.concatenate([np.zeros(width, dtype=bool), np.cumsum(usable) > 0])
     values[np.flatnonzero(good)[started], 0] = best[1][started]
     return Channel("heading", ("heading",), "rad", position.time, values)
+
+
+def _zero_of(time: Array, went: Array, swung: Array) -> tuple[float, Array]:
+    """How well moves of a point (T,), complex in m, seen from the mean angle of a gyroscope between their ends, agree on its
+    zero, and sums (T,) whose argument that is. `swung` (T,) is how far a point a metre ahead of the axle moves by the turn.
+
+    What crosses the vehicle is zero times way, or lever arm times turn: regressed on the turn with the last zero, in turns
+    (a fixed point, since the zero is a mean of seconds over which turns to both sides cancel in part).
+    """
+    summed, moved = _fading(time, went), went
+    for _ in range(_TURNS):
+        zero = np.exp(1j * np.angle(summed))
+        across = np.imag(went * zero.conj())
+        arm = float(np.sum(across * np.imag(swung))) / max(float(np.sum(np.abs(swung) ** 2)), TINY)
+        moved = went - arm * swung * zero
+        summed = _fading(time, moved)
+    there = np.abs(went) > 0.0
+    weight = _fading(time, np.abs(moved))
+    return float(np.mean(np.abs(summed[there]) / weight[there])), summed
 
 
 def _fading(time: Array, values: Array) -> Array:

@@ -117,7 +117,7 @@ class Vehicles(Family):
             *rolling(simulator.vehicle, {e.name: e.value for e in found.estimates}),
             *(sentence for each in shown for sentence in each),
         )
-        estimates = slow_in_one_way(by_both(found.estimates, other.estimates))
+        estimates = slow_in_one_way(by_both(found.estimates, other.estimates, simulator.parameters))
         warnings = (
             *said_once(found.warnings),
             *unlike_commanded(simulator, found.values, [*drives, *others], max(horizons)),

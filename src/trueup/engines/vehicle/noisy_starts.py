@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import Calibration, Estimate
+from trueup.calibration import NORMAL_95, Calibration, Estimate
 from trueup.engines.family import Fit
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.prediction import HORIZONS, prediction_errors
@@ -17,6 +17,7 @@ from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.verdicts import judged
 
 ROUGHLY = ("first seconds", "all, coarse step")
 """Stages of a search that see a part of the recordings, or all roughly: one that goes on from where a fit of all of them
@@ -76,17 +77,22 @@ def _with_noise(
     return Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))), values=values)
 
 
-def by_both(estimates: Sequence[Estimate], others: Sequence[Estimate]) -> tuple[Estimate, ...]:
-    """With intervals that hold whether starts of predictions are taken to be exact or not: how far that moves estimates is
-    what the model is wrong by, which neither fit alone shows.
+def by_both(estimates: Sequence[Estimate], others: Sequence[Estimate], space: ParameterSpace) -> tuple[Estimate, ...]:
+    """With intervals that hold whether starts of predictions are taken to be exact or not, and verdicts on these: how far
+    that moves estimates is what the model is wrong by, which neither fit alone shows.
     """
     beside = {e.name: e for e in others if e.fitted and np.isfinite([e.low, e.high]).all()}
-    return tuple(
-        replace(e, low=min(e.low, beside[e.name].low), high=max(e.high, beside[e.name].high))
-        if e.fitted and e.name in beside
-        else e
-        for e in estimates
-    )
+    return tuple(_by_either(e, beside[e.name], space) if e.fitted and e.name in beside else e for e in estimates)
+
+
+def _by_either(found: Estimate, other: Estimate, space: ParameterSpace) -> Estimate:
+    wide = replace(found, low=min(found.low, other.low), high=max(found.high, other.high))
+    if wide.verdict != "identified":
+        return wide
+    alone = ParameterSpace((space[wide.name].replace(frozen=False),))
+    low, value, high = alone.to_unit([[wide.low], [wide.value], [wide.high]])[:, 0].tolist()
+    verdict = judged(alone.parameters[0], value, (high - low) / (2.0 * NORMAL_95), wide.value, wide.low, wide.high)
+    return replace(wide, verdict=verdict.word, note=verdict.note or wide.note)
 
 
 def _late_otherwise(space: ParameterSpace, values: Array) -> list[Array]:

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be thought of an estimate by its interval, in a word."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from trueup.parameters import Parameter
+
+# Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
+PRIOR = 12.0
+_NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is to be thought of one estimate, and why."""
+
+    word: str
+    note: str = ""
+
+
+def vague(spread: float) -> bool:
+    """Whether a standard deviation, as a share of the box, says hardly more than that the value is somewhere in it."""
+    return bool(spread * PRIOR**0.5 > _NARROWED)
+
+
+def judged(p: Parameter, unit: float, spread: float, value: float, low: float, high: float) -> Verdict:
+    """On an estimate at `unit` of its box, with a standard deviation of `spread` there, which has an effect."""
+    if vague(spread):
+        return Verdict("not identified", f"the recordings leave it open{advice(p)}")
+    if unit < 2e-3 or unit > 1 - 2e-3:
+        which = "lower" if unit < 0.5 else "upper"
+        if (p.optional or p.vanishes) and unit < 0.5:
+            return Verdict("at bound", f"none is seen ({p.optional or p.name} at its {which} bound)")
+        return Verdict("at bound", f"it wants to go beyond its {which} bound: widen it, or something else is missing")
+    size = max(abs(value), 1e-2 * (p.upper - p.lower))
+    if (high - low) / 2 > 0.5 * size and spread > 0.02:
+        return Verdict("weak", f"known to {100 * (high - low) / 2 / size:.0f} % only{advice(p)}")
+    return Verdict("identified")
+
+
+def advice(p: Parameter) -> str:
+    """What recordings would show it, as the end of a sentence."""
+    return f"; {p.shown_by} would show it" if p.shown_by else ""
