@@ -61,8 +61,8 @@ class _Piece:
         return self.commands[np.maximum(self.before + k - late, 0), column]
 
 
-def pursuit(drives: Sequence[Past], wheelbase: float, *, commanded: bool = True) -> dict[str, float]:
-    """Start values of speed (unless it is not what is `commanded`) and steering; nothing where the car never drives.
+def pursuit(drives: Sequence[Past], wheelbase: float) -> dict[str, float]:
+    """Start values of speed and steering; nothing where the car never drives.
 
     Each combination is run under the recorded commands from what was seen when a piece began, all at once; the one that is
     nearest to what was seen counts, by the mean of absolute differences.
@@ -72,7 +72,7 @@ def pursuit(drives: Sequence[Past], wheelbase: float, *, commanded: bool = True)
     if not pieces:
         return {}
     pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, scan.most).round().astype(int))]
-    return (_speed(pieces, scan) if commanded else {}) | _steering(pieces, wheelbase, scan)
+    return _speed(pieces, scan) | _steering(pieces, wheelbase, scan)
 
 
 def _pieces(past: Past, scan: Scan) -> list[_Piece]:

@@ -175,8 +175,6 @@ def _searched(
         own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
         begun: list[Mapping[str, float]] = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
         spaces = [space.freeze(LASTING, {n: at[n] for n in LASTING}) for at in begun]
-        slow = Look.at(drives).slow_wheel(simulator.vehicle)
-        spaces += [_begun_at(spaces[0], slow)] if slow else []
         search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
         starts = [simulator.with_parameters(s) for s in spaces]
         every = [search(s, drives, others, again=k > 0) for k, s in enumerate(starts)]
@@ -246,11 +244,6 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     own = () if car.wheels is None else ("veer", "wheel_dead") if car.told_shares else ("veer",)
     free = [q.name for q in car.quantities if (q.free or q.name in own) and q.name not in calm]
     return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())
-
-
-def _begun_at(space: ParameterSpace, values: Mapping[str, float]) -> ParameterSpace:
-    """The space, searched from other values where parameters are free."""
-    return space.with_nominal([p.nominal if p.frozen else values.get(p.name, p.nominal) for p in space.parameters])
 
 
 def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> ParameterSpace:

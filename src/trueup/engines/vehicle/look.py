@@ -18,7 +18,7 @@ from trueup.rounding import NEGLIGIBLE
 from trueup.samples import correlation
 from trueup.tracking.commands import COMMAND
 from trueup.tracking.past import MOVES, Past
-from trueup.tracking.pursuit import Scan, pursuit
+from trueup.tracking.pursuit import pursuit
 from trueup.trial import Trial
 
 LATE = 0.12
@@ -130,16 +130,6 @@ class Look:
         return np.array(
             [np.sqrt(np.mean((self.speed[p] - table[p] @ c) ** 2)) for p, c in zip(parts, found, strict=True)]
         )
-
-    def slow_wheel(self, car: Vehicle) -> dict[str, float]:
-        """Other start values of the steering, where a wheel of limited speed is nearest to what was seen; else nothing.
-
-        Where the search begins with a quick one, a slow wheel may be mistaken for soft tyres or a lag.
-        """
-        if car.pursues or "steering_rate_limit" in car.values:
-            return {}
-        found = pursuit(self.drives, car.wheelbase, commanded=False)
-        return found if found.get("steering_rate_limit", np.inf) < max(Scan().rates) else {}
 
     def unseen(self) -> dict[str, str]:
         """Quantities of the tyres that these recordings are too calm to tell, each with the reason."""
