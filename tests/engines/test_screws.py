@@ -14,7 +14,8 @@ from trueup.loop.calibrate import Options
 from trueup.recording import Channel, Recording
 
 LIFT = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
-<joint name="lift" type="slide" axis="0 0 1" range="-0.3 0.3" {joint}/><inertial pos="0 0 0" mass="1.1" diaginertia=".01 .01 .01"/>
+<joint name="lift" type="slide" axis="0 0 1" range="-0.3 0.3" {joint}/>
+<inertial pos="0 0 0" mass="1.1" diaginertia=".01 .01 .01"/>
 </body></worldbody><actuator><position name="lift" joint="lift" kp="{kp}" kv="{kv}"/></actuator></mujoco>"""
 ROTOR, KP, KV, FRICTION = 12.0, 60e3, 2400.0, 18.0  # kg; N/m; N s/m; N
 
