@@ -59,9 +59,10 @@ def propose(
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
     several = _pulled(model, recordings)
-    stiff = (*servos, *(a for a in several if model.is_position_servo(model.index("actuator", a))))
+    pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
+    stiff = (*servos, *pulling)
     commanded = (*(j for j in joints if j in driven), *several)
-    lines = [Declaration("kp", stiff)] if stiff else []
+    lines = [*([Declaration("kp", stiff)] if stiff else []), *_of_pulling(model, pulling)]
     lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
@@ -142,6 +143,12 @@ def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Actuators that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
     return tuple(name for name in of_several_joints(model) if name in told)
+
+
+def _of_pulling(model: Model, pulling: Mapping[str, int]) -> list[Declaration]:
+    """Damping of servos that pull at tendons: it is not that of their joints, each of which has its own."""
+    damped = tuple(a for a, servo in pulling.items() if model.compiled.actuator_biasprm[servo, 2] < 0.0)
+    return [Declaration("kv", damped)] if damped else []
 
 
 def _limits(
