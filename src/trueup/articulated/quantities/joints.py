@@ -93,7 +93,8 @@ JOINTS = (
     ),
     Quantity(
         name="armature", family="joint", unit="kg m2", title="rotor inertia", scale="log", bounds=factor(100, 50, 0.005),
-        attributes=("joint.armature",), start=None, reach=_geared, little=_light, shown_by="fast accelerations (chirps, steps)",
+        attributes=("joint.armature",), start=None, reach=_geared, little=_light,
+        shown_by="fast accelerations (chirps, steps)",
     ),
     Quantity(
         name="spring", family="joint", unit="N m/rad", title="stiffness of a spring at the joint",

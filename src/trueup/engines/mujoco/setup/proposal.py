@@ -60,9 +60,7 @@ def propose(
     motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
     several = _pulled(model, recordings)
     pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
-    stiff = (*servos, *pulling)
-    commanded = (*(j for j in joints if j in driven), *several)
-    lines = [*([Declaration("kp", stiff)] if stiff else []), *_of_pulling(model, pulling)]
+    lines = [*([Declaration("kp", stiff)] if (stiff := (*servos, *pulling)) else []), *_of_pulling(model, pulling)]
     lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
@@ -79,6 +77,7 @@ def propose(
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
+    commanded = (*(j for j in joints if j in driven), *several)
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     lines += [] if floor is None else of_a_floor(floor)
