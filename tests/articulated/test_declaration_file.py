@@ -109,5 +109,5 @@ def test_slides_have_units_of_force_and_bounds_that_their_drives_could_hold(tmp_
     assert (units["C.kp"], units["c.friction"], units["c.armature"]) == ("N m/rad", "N m", "kg m2")
     upper = {p.name: p.upper for p in space.parameters}
     assert upper["x.friction"] == pytest.approx(80.0)
-    assert upper["x.armature"] == pytest.approx(9.0)
+    assert upper["x.armature"] == pytest.approx(180.0)
     assert upper["c.friction"] == pytest.approx(2.5)

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from trueup.cli import main
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.tendons import with_joints_told
+from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
@@ -98,3 +100,35 @@ def test_fingers_that_follow_one_another_are_told_from_the_drive_of_both(tmp_pat
     )
     np.testing.assert_allclose(command.column("gripper"), 0.08 * share, atol=1e-9)
     assert {position.unit_of("left"), command.unit_of("gripper")} == {"m"}
+
+
+FINGER = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
+<joint name="near" axis="0 1 0" stiffness=".08" damping="{damping}" frictionloss="{friction}"/>
+<inertial pos=".02 0 0" mass=".02" diaginertia="1e-6 4e-6 4e-6"/><body pos=".04 0 0">
+<joint name="far" axis="0 1 0" stiffness=".05" damping="{damping}" frictionloss="{friction}"/>
+<inertial pos=".015 0 0" mass=".01" diaginertia="5e-7 1e-6 1e-6"/></body></body></worldbody>
+<tendon><fixed name="cable"><joint joint="near" coef=".01"/><joint joint="far" coef=".008"/></fixed></tendon>
+<actuator><position name="motor" tendon="cable" kp="3000" kv="{kv}"/></actuator></mujoco>"""
+
+
+def test_the_damping_of_a_cables_motor_passes_for_no_delay_and_a_finger_for_no_heavy_rotor(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(FINGER.format(damping=0.003, friction=0.0, kv=60))
+    data, rng, rows = mujoco.MjData(model), np.random.default_rng(3), []
+    for k in range(3000):
+        t = 0.002 * k
+        data.ctrl[0] = 0.008 * (1.0 - np.cos(2.0 * t)) + 0.002 * np.sin(17.0 * t) * min(t, 1.0)
+        if k % 3 == 0:
+            rows.append((t, data.ctrl[0], *(data.qpos + 2e-4 * rng.standard_normal(2))))
+        mujoco.mj_step(model, data)
+    time, command, *angles = np.array(rows).T
+    channels = [
+        Channel("command", ("motor",), "m", time, command[:, None]),
+        Channel("position", ("near", "far"), "rad", time, np.stack(angles, axis=1)),
+    ]
+    (tmp_path / "finger.xml").write_text(FINGER.format(damping=0.001, friction=0.0, kv=15))
+    ready = prepare(tmp_path / "finger.xml", [Recording("log", {c.name: c for c in channels})])
+    wanted = ready.only(["motor.kp", "motor.kv", "*.damping", "*.armature", "delay"])
+    found = {e.name: e for e in wanted.calibrate(options=Options(cross_validate=False)).estimates}
+    assert found["motor.kv"].low <= 60.0 <= found["motor.kv"].high
+    assert found["delay"].value < 1e-3
+    assert found["far.armature"].value < 1e-5  # kg m2, where the finger itself has 3e-6

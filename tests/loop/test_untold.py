@@ -50,6 +50,24 @@ def test_what_only_a_structure_shows_is_found_with_it_though_it_was_frozen_befor
     assert not any("phase" in said for said in found.unidentified)
 
 
+def test_gains_are_not_known_where_nobody_knows_how_heavy_the_rotor_is(formula: Formula) -> None:
+    def positions(t: Array, v: Array) -> Array:
+        return 0.5 * v[0] / (1.0 + v[2]) * np.sin(t) + 0.3 * v[1] * np.cos(2.0 * t)
+
+    space = ParameterSpace((
+        Parameter("stiffness", "", 0.5, 0.01, 30.0, scale="log"),
+        Parameter("other", "", 0.5, 0.01, 30.0, scale="log"),
+        Parameter("rotor", "kg m2", 1e-5, 1e-5, 4.0, scale="log", vanishes=True, shown_by="fast motion"),
+    ))  # fmt: skip
+    stiffness, other, rotor = _found(formula, positions, space, [3.0, 1.0, 2.0]).estimates
+    assert not rotor.fitted
+    assert stiffness.low <= 3.0 <= stiffness.high
+    assert stiffness.verdict == "weak"
+    assert stiffness.note == "hangs on rotor, which these recordings do not tell; fast motion would show it"
+    assert other.verdict == "identified"
+    assert other.high - other.low < 0.05
+
+
 @pytest.mark.parametrize("hidden", [0.0, 0.4, 0.5])
 def test_an_interval_holds_though_another_is_held_where_nobody_knows_it_to_be(formula: Formula, hidden: float) -> None:
     def positions(t: Array, v: Array) -> Array:

@@ -162,7 +162,8 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
     signs = tuple(1.0 if i == 0 or v * values[0] > 0 else -1.0 for i, v in enumerate(values)) if mirrored else ()
     nominal = line.nominal if line.nominal is not None else float(values[0])
     usual = q.bounds(nominal)
-    lower = line.lower if line.lower is not None else usual[0]
+    little = [q.little(model, n) for n in group] if q.little is not None else []
+    lower = line.lower if line.lower is not None else min([usual[0], *(x for x in little if x > 0.0)])
     reach = [q.reach(model, n) for n in group] if q.reach is not None else []
     upper = line.upper if line.upper is not None else max([usual[1], *reach])
     scale = line.scale or q.scale

@@ -26,6 +26,7 @@ from trueup.loop.disturbed import LeftOut, disturbed, seen_in
 from trueup.loop.earlier import Earlier
 from trueup.loop.estimates import estimated, with_structure, with_ties
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
+from trueup.loop.held import held_open
 from trueup.loop.horizon import cut_for_search
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.limits import limits_seen
@@ -213,7 +214,7 @@ def _findings(
     estimates = estimated(found, open_, choices, declared, limits, notes)
     known, opened = (verdicts(found, c) for c in (covariance, open_))
     estimates = as_open(estimates, known, opened, shared, [p.name for p in untold])
-    others = rivals(problem, found)
+    others = (*rivals(problem, found), *held_open(problem, found, untold, open_))
     wide = widened(with_structure(estimates, lacking), others)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     return {

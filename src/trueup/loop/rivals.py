@@ -41,6 +41,13 @@ class Rival:
     down: Array
     """(n_free,) of each free parameter, in its unit; not negative."""
     up: Array
+    held: bool = False
+    """Whether it is no structure, but a parameter that is held where nobody knows it to be."""
+
+    @property
+    def doubt(self) -> str:
+        """What estimates hang on that it moves."""
+        return self.name if self.held else f"whether the robot has {self.name}"
 
 
 def rivals(problem: Problem, found: Fit) -> tuple[Rival, ...]:
@@ -212,5 +219,5 @@ def _in_words(e: Estimate, rivals: Sequence[Rival], by: Mapping[str, Array]) -> 
     if e.verdict not in ("identified", "tied") or not np.any(by[name] > much):
         return e
     shown = next((r.parameter.shown_by for r in rivals if r.name == name and r.parameter.shown_by), "")
-    note = f"hangs on whether the robot has {name}, which these recordings do not tell"
+    note = f"hangs on {next(r.doubt for r in rivals if r.name == name)}, which these recordings do not tell"
     return replace(e, verdict="weak", note=note + (f"; {shown} would show it" if shown else ""))

@@ -58,14 +58,22 @@ def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> De
     now; None where these are none, or promise no more than chance.
     """
     found = descent.finished(look)
-    wider = _Wider.of(look.cheap, found, list(untold.values()))
+    wider = _Wider.of(look.cheap, found, [_in_value(p) for p in untold.values()])
     told = wider.told(look.problem)
-    if not told or wider.promise(told) < look.problem.chance(found.residual) * len(told):
+    promise, reached = wider.promise(told) if told else (0.0, {})
+    if not told or promise < look.problem.chance(found.residual) * len(told):
         return None
     space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
-    again = replace(descent, space=space, search=None)
-    again.restart(np.clip(space.to_unit(found.values), 0.0, 1.0))
+    again, begin = replace(descent, space=space, search=None), found.values.copy()
+    for name, value in reached.items():
+        begin[space.index(name)] = value
+    again.restart(np.clip(space.to_unit(begin), 0.0, 1.0))
     return again
+
+
+def _in_value(p: Parameter) -> Parameter:
+    """On a linear scale what may be none at all: at next to nothing of a rotor's inertia no logarithm has a slope."""
+    return p.replace(scale="linear") if p.vanishes else p
 
 
 def open_covariance(problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> tuple[Array, Array]:
@@ -106,7 +114,7 @@ class _Wider:
     """A fit, and the slopes of what is frozen in it."""
 
     fit: Fit
-    names: tuple[str, ...]
+    untold: tuple[Parameter, ...]
     columns: Array
     """(m, k) d residual / d unit."""
 
@@ -122,21 +130,25 @@ class _Wider:
         residuals = problem.residuals(rows) if untold else fit.residual[None]
         columns = (residuals[1:] - residuals[0]) / steps[:, None]
         columns[~np.isfinite(columns).all(axis=1)] = 0.0
-        return cls(fit, tuple(p.name for p in untold), columns.T)
+        return cls(fit, tuple(untold), columns.T)
 
-    def promise(self, some: Collection[str]) -> float:
+    def promise(self, some: Collection[str]) -> tuple[float, dict[str, float]]:
         """By how much the loss would fall with `some` of the frozen ones free, as slopes foretell it: a score test
-        (C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948).
+        (C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948); and where those would be that have no slope on their own scale.
         """
-        fit, free = self.fit, [k for k, name in enumerate(self.names) if name in some]
+        fit, free = self.fit, [k for k, p in enumerate(self.untold) if p.name in some]
         jacobian = np.hstack([fit.jacobian, self.columns[:, free]])
         weighted, inside = jacobian * fit.weights[:, None], np.concatenate([fit.unit, np.full(len(free), 0.5)])
         curvature, slope = jacobian.T @ weighted, weighted.T @ fit.residual
-        n, gains = len(fit.unit), []
-        for k in (len(inside), n):
-            step = damped_step(curvature[:k, :k], slope[:k], 1e-6, inside[:k])
-            gains.append(gain(curvature[:k, :k], slope[:k], step))
-        return gains[0] - gains[1]
+        n = len(fit.unit)
+        steps = [damped_step(curvature[:k, :k], slope[:k], 1e-6, inside[:k]) for k in (len(inside), n)]
+        gains = [gain(curvature[: len(s), : len(s)], slope[: len(s)], s) for s in steps]
+        reached = {}
+        for p, step in zip((self.untold[k] for k in free), steps[0][n:].tolist(), strict=True):
+            if p.scale != fit.space[p.name].scale:
+                value = fit.values[fit.space.index(p.name)] + step * (p.upper - p.lower)
+                reached[p.name] = float(np.clip(value, p.lower, p.upper))
+        return gains[0] - gains[1], reached
 
     def covariance(self, problem: Problem, some: Sequence[int]) -> Array:
         """(n_free + k, n_free + k) in the unit box, with `some` of the frozen ones free."""
@@ -149,11 +161,11 @@ class _Wider:
         strongest effects.
         """
         effect = np.sqrt(np.mean(self.columns**2, axis=0))
-        n, kept = len(self.fit.unit), [k for k in range(len(self.names)) if effect[k] >= NO_EFFECT]
+        n, kept = len(self.fit.unit), [k for k in range(len(self.untold)) if effect[k] >= NO_EFFECT]
         while kept:
             spread = np.sqrt(np.maximum(np.diag(self.covariance(problem, kept))[n:], 0.0))
             loose = [k for k, s in zip(kept, spread, strict=True) if vague(s)]
             if not loose:
                 break
             kept.remove(min(loose, key=lambda k: effect[k]))
-        return {self.names[k] for k in kept}
+        return {self.untold[k].name for k in kept}

@@ -4,12 +4,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from trueup.identification.estimation.couplings import confirmed, coupling_notes
+from trueup.identification.estimation.couplings import coupled as find_coupled
 from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.selection import Choice
+from trueup.identification.kinematic_tree import from_dh
+from trueup.identification.regressors import inverse_dynamics
+from trueup.recording import Channel, Recording
 
 DIRECT = Drives.direct(["a", "b", "c"])
 PLAIN = Choice(np.ones(4, dtype=bool), 0.0, np.ones(3))
@@ -59,3 +66,31 @@ def test_drives_that_nothing_couples_are_fitted_once() -> None:
     asked: list[Drives] = []
     assert confirmed(DIRECT, DIRECT, lambda drives: asked.append(drives) or [PLAIN]) is DIRECT
     assert not asked
+
+
+@pytest.mark.parametrize(("pitch", "nut", "spline"), [(0.016, 2, 3), (0.05, 2, 3), (0.0, 2, 3), (0.02, 3, 2)])
+def test_the_screw_of_a_scara_is_found_with_its_pitch(
+    arms: SimpleNamespace, pitch: float, nut: int, spline: int
+) -> None:
+    """A lift that turns with the tool, by so many m a turn; the lift comes before the tool's joint, or behind it."""
+    rng, lead = np.random.default_rng(4), pitch / (2.0 * np.pi)
+    tree = from_dh(
+        a=[0.3, 0.25, 0.0, 0.0], alpha=[0.0, 0.0, 0.0, 0.0], d=[0.2, 0.0, 0.0, 0.0], name="scara",
+        prismatic=[False, False, nut == 2, nut == 3], inertial=arms.bodies(rng, np.array([6.0, 4.0, 1.0, 0.8])),
+    )  # fmt: skip
+    time, size = np.arange(6000) / 200.0, np.array([1.0, 1.0, 1.0, 1.0])
+    size[nut] = 0.08
+    q, v, a = (size * x for x in arms.sines(rng, time, 4))
+    C, rotors, rubbing, slow = np.eye(4), np.full(4, 0.05), np.full(4, 0.4), np.full(4, 0.02)
+    C[nut, spline], rotors[nut], rubbing[nut], slow[nut] = lead, 8.0, 15.0, 1e-3
+    torque = inverse_dynamics(tree, np.asarray(tree.inertial), q, v, a)
+    torque += (rotors * (a @ C.T) + rubbing * np.tanh(v @ C.T / slow)) @ C
+    noise = 0.01 * np.sqrt(np.mean(torque**2, axis=0))
+    channels = {
+        "position": Channel("position", tree.joints, "rad", time, q + 2e-6 * rng.normal(size=q.shape)),
+        "torque": Channel("torque", tree.joints, "N m", time, torque + noise * rng.normal(size=q.shape)),
+    }
+    drives = Drives.direct(tree.joints)
+    log = log_of(Recording("run", channels), tree, drives)
+    found = find_coupled([log.motion(5.0, measured_speed=False)], tree, drives, 5.0, 0.0)
+    np.testing.assert_allclose(found.coupling, C, rtol=0.05, atol=0.0)

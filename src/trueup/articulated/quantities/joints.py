@@ -32,9 +32,27 @@ def _lagging(model: Model, joint: str) -> float:
     return _servo_force(model, joint, 0.5, 0.5)
 
 
+_GEARED, _SCREWED = 5.0, 20.0
+"""Times what a hinge or a slide moves that its rotor may be behind the gear or the screw: a worm's elbow has 2.6, the lift of
+a SCARA by a ball screw of 20 mm a turn 11."""
+
+_SLIGHT = 0.02
+"""Share of what a joint moves that is as good as none."""
+
+
 def _moved(model: Model, joint: str) -> float:
-    """Rotor inertia as large as the inertia that the joint moves."""
+    """The inertia that the joint moves."""
     return float(model.get("joint.inertia", joint)[0])
+
+
+def _geared(model: Model, joint: str) -> float:
+    """Rotor inertia that leaves what the joint moves a small part of it."""
+    return (_SCREWED if model.get("joint.slides", joint)[0] else _GEARED) * _moved(model, joint)
+
+
+def _light(model: Model, joint: str) -> float:
+    """Rotor inertia that hardly adds to what the joint moves: a finger moves less than the least rotor of an arm."""
+    return _SLIGHT * _moved(model, joint)
 
 
 def _springy(model: Model, joint: str) -> float:
@@ -75,7 +93,8 @@ JOINTS = (
     ),
     Quantity(
         name="armature", family="joint", unit="kg m2", title="rotor inertia", scale="log", bounds=factor(100, 50, 0.005),
-        attributes=("joint.armature",), start=None, reach=_moved, shown_by="fast accelerations (chirps, steps)",
+        attributes=("joint.armature",), start=None, reach=_geared, little=_light,
+        shown_by="fast accelerations (chirps, steps)",
     ),
     Quantity(
         name="spring", family="joint", unit="N m/rad", title="stiffness of a spring at the joint",

@@ -64,6 +64,8 @@ class Quantity:
     """Those of a later turn are written after the others: what they write depends on what others have written."""
     reach: Callable[[Model, str], float] | None = None
     """How far beyond its usual upper bound one target may be sought, by what drives it; 0 where that is not known."""
+    little: Callable[[Model, str], float] | None = None
+    """What is hardly any of it at one target, where its usual lower bound may be much there."""
     origin: str = ""
     """'module:attribute' where it was named so."""
 

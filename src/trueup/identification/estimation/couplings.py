@@ -19,47 +19,65 @@ from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.selection import TIME_BLOCKS, Choice, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.rounding import TINY
 
 Pair = tuple[int, int]
-"""A drive, and a joint before its own that it turns with too."""
+"""A drive, and a joint beside its own that it turns with too."""
 
 _RATIOS = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)
 """That are tried first; between them the loss is smooth, so that it can be followed down from the best."""
+_PITCHES = tuple(sign * size for sign in (-1.0, 1.0) for size in (0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0))
+"""The same where one of the two slides and the other turns, of what the drive's own joint moves (rms speeds): a screw's pitch
+may be any, and a log may move one joint much and the other little."""
 _NEAR, _ROUGH, _EXACT = 0.1, 0.03, 0.005
 """First steps of that search in the ratios, those that tell whether one more pair is coupled, and the last ones."""
 
 
 def coupled(motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float) -> Drives:
-    """Drives of the last three joints that turn with others of them, where that predicts clearly better; `drives` else.
+    """Drives of the last three joints that turn with others of them, and the screw that lifts the tool of a SCARA and turns
+    with it, where that predicts clearly better; `drives` else.
 
     Joint angles and torques that a controller has decoupled already still show the friction and rotor of a drive that
     turns with several joints. Couplings come one by one, the ratios of all of them followed down together each time: one
     left out leads those beside it astray. A ratio of one, as most gears are cut, gives way only to one that is clearly
     better. Nothing is looked for where couplings are given or the log is of motors. The share held out is not looked at.
     """
-    wrist = 5
-    n = tree.n
-    if n < wrist or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
+    n, rest, ratios = tree.n, _pairs(tree), dict[Pair, float]()
+    if not rest or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
         return drives
     basic = _Basic.of(motions, tree, cutoff, hold_out)
-    rest, ratios = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], dict[Pair, float]()
     best = basic.choice(ratios)
     while rest:
-        tried = [{**ratios, pair: ratio} for pair in rest for ratio in _RATIOS]
+        tried = [{**ratios, p: r} for p in rest for r in (_PITCHES if _mixed(tree, p) else _RATIOS)]
         more = basic.lowest(min(tried, key=lambda each: basic.choice(each).loss), _ROUGH)
         if not (new := basic.choice(more)).beats(best):
             break
         best, ratios = new, more
-        rest = [pair for pair in rest if pair not in ratios]
+        rest = [
+            pair for pair in rest if pair not in ratios and pair[::-1] not in ratios
+        ]  # of a screw: its nut or its spline
     if not ratios:
         return drives
     ratios = basic.lowest(ratios, _EXACT)
     best = basic.choice(ratios)
-    for pair, ratio in list(ratios.items()):
+    for pair, ratio in [(p, r) for p, r in ratios.items() if not _mixed(tree, p)]:
         plain = {**ratios, pair: float(np.sign(ratio))}
         if not best.beats(other := basic.choice(plain)):
             best, ratios = other, plain
     return replace(drives, coupling=basic.coupling(ratios))
+
+
+def _pairs(tree: KinematicTree) -> list[Pair]:
+    """Which drives may turn with which joints: in a wrist, and where the last two joints slide and turn."""
+    n, wrist = tree.n, 5
+    pairs = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)] if n >= wrist else []
+    screw = [(n - 2, n - 1), (n - 1, n - 2)] if n > 1 and _mixed(tree, (n - 2, n - 1)) else []
+    return [*pairs, *(p for p in screw if p not in pairs)]
+
+
+def _mixed(tree: KinematicTree, pair: Pair) -> bool:
+    """Whether one of two joints slides and the other turns."""
+    return bool(tree.prismatic[pair[0]] != tree.prismatic[pair[1]])
 
 
 def confirmed(coupling: Drives, drives: Drives, choices: Callable[[Drives], Sequence[Choice]]) -> Drives:
@@ -109,6 +127,8 @@ class _Basic:
     """Of the block of each sample."""
     margin: float
     """s that are left out at both ends of blocks."""
+    unit: Array
+    """(n, n) in which a ratio of the drives (rows) to joints (columns) is told."""
 
     @classmethod
     def of(cls, motions: Sequence[Motion], tree: KinematicTree, cutoff: float, hold_out: float) -> _Basic:
@@ -116,13 +136,16 @@ class _Basic:
         model, active = pool_for(tree, np.eye(tree.n), motions).basic()
         pieces = [pieces_of(m, model, cutoff, hold_out)[0] for m in motions]
         numbers = numbered([p.rows for p in pieces], TIME_BLOCKS, [p.motion.q for p in pieces])
-        return cls(model, active, pieces, numbers, 1.0 / cutoff)
+        speed = np.sqrt(np.mean(np.concatenate([m.v for m in motions]) ** 2, axis=0))
+        mixed = tree.prismatic[:, None] != tree.prismatic
+        unit = np.where(mixed, speed[:, None] / np.maximum(speed, TINY), 1.0)
+        return cls(model, active, pieces, numbers, 1.0 / cutoff, unit)
 
     def coupling(self, ratios: Mapping[Pair, float]) -> Array:
         """(n, n) speeds of the drives for those of the joints."""
         C = np.eye(self.model.tree.n)
         for pair, ratio in ratios.items():
-            C[pair] = ratio
+            C[pair] = ratio * self.unit[pair]
         return C
 
     def choice(self, ratios: Mapping[Pair, float]) -> Choice:

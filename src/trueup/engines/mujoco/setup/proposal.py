@@ -59,9 +59,8 @@ def propose(
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
     several = _pulled(model, recordings)
-    stiff = (*servos, *(a for a in several if model.is_position_servo(model.index("actuator", a))))
-    commanded = (*(j for j in joints if j in driven), *several)
-    lines = [Declaration("kp", stiff)] if stiff else []
+    pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
+    lines = [*([Declaration("kp", stiff)] if (stiff := (*servos, *pulling)) else []), *_of_pulling(model, pulling)]
     lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
@@ -78,6 +77,7 @@ def propose(
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
+    commanded = (*(j for j in joints if j in driven), *several)
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     lines += [] if floor is None else of_a_floor(floor)
@@ -142,6 +142,12 @@ def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Actuators that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
     return tuple(name for name in of_several_joints(model) if name in told)
+
+
+def _of_pulling(model: Model, pulling: Mapping[str, int]) -> list[Declaration]:
+    """Damping of servos that pull at tendons: it is not that of their joints, each of which has its own."""
+    damped = tuple(a for a, servo in pulling.items() if model.compiled.actuator_biasprm[servo, 2] < 0.0)
+    return [Declaration("kv", damped)] if damped else []
 
 
 def _limits(
