@@ -17,7 +17,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
-from trueup.loop.problem import Problem
+from trueup.loop.problem import WORTH, Problem
 from trueup.loop.rivals import Rival
 from trueup.loop.uncertainty import FORETOLD, INEXACT, vague
 from trueup.parameters import Parameter
@@ -33,8 +33,11 @@ _STEPS = 6
 
 def held_open(problem: Problem, fit: Fit, untold: Sequence[Parameter], covariance: Array) -> tuple[Rival, ...]:
     """What the frozen parameters `untold` (as declared) might be in truth, and those that are free and yet nowhere by their
-    `covariance` (n_free, n_free) in the unit box; and how far that moves each estimate.
+    `covariance` (n_free, n_free) in the unit box; and how far that moves each estimate. Nothing for long recordings, as for
+    structures (`rivals`).
     """
+    if problem.duration > WORTH:
+        return ()
     near = fit.near or fit.shot or problem
     along = _Along(near, fit, NORMAL_95**2 * near.chance(fit.residual))
     free = (p for p in fit.space.parameters if not p.frozen)
