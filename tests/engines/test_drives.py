@@ -348,11 +348,11 @@ _LEG = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="knee" 
 <velocity name="wheel" joint="wheel" kv="0.1"/></actuator></mujoco>"""
 
 
-def _rolling(path: Path) -> Recording:
-    """A leg that is told where to be, and its wheel how fast to turn."""
+def _rolling(path: Path, scale: float = 1.0) -> Recording:
+    """A leg that is told where to be, and its wheel how fast to turn, or by `scale` (N m s/rad) with which torque."""
     model, time = mujoco.MjModel.from_xml_path(str(path)), np.arange(0.0, 6.0, 0.01)
     data, there = mujoco.MjData(model), []
-    told = np.stack([0.4 * np.sin(2.0 * time), 6.0 + 3.0 * np.sin(1.3 * time)], axis=1)
+    told = np.stack([0.4 * np.sin(2.0 * time), scale * (6.0 + 3.0 * np.sin(1.3 * time))], axis=1)
     for asked in told:
         there.append(data.qpos.copy())
         data.ctrl[:] = asked
@@ -383,6 +383,42 @@ def test_wheels_on_legs_are_told_speeds_beside_positions_of_the_other_joints(apa
     simulator, trial = MujocoSimulator(load(path), step=0.002), Trial.of(ready.recordings[0], ["position"])
     (found,) = simulator.rollout([trial], np.zeros((1, 0)))
     assert np.abs(found.channels["position"][0] - run.channel("position").values).max() < 0.02
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_wheels_on_legs_are_told_torques_beside_positions_of_the_other_joints(apart: bool, tmp_path: Path) -> None:
+    """In a channel of their own, or with a unit of their own among the others: wheels were held where they began, or torques
+    were positions of a servo that took the place of the motor.
+    """
+    path = tmp_path / "leg.xml"
+    path.write_text(
+        _LEG.replace('<velocity name="wheel" joint="wheel" kv="0.1"/>', '<motor name="wheel" joint="wheel"/>')
+    )
+    run = _rolling(path, 0.01)
+    command = run.channel("command")
+    if apart:
+        torque = command.select(["wheel"]).replace(name="command_torque", unit="N m")
+        run = run.with_channel(command.select(["knee"])).with_channel(torque)
+    else:
+        run = run.with_channel(command.replace(units=("rad", "N m")))
+    ready = prepare(path, [run])
+    assert not any(
+        said in n for n in ready.notes for said in ("nothing commands", "took their place", "beside positions")
+    )
+    command = ready.recordings[0].channel("command")
+    assert [command.unit_of(x) for x in ("knee", "wheel")] == ["rad", "N m"]
+    simulator, trial = MujocoSimulator(load(path), step=0.002), Trial.of(ready.recordings[0], ["position"])
+    (found,) = simulator.rollout([trial], np.zeros((1, 0)))
+    assert np.abs(found.channels["position"][0] - run.channel("position").values).max() < 0.02
+
+
+def test_torques_told_to_a_servo_among_positions_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "leg.xml"
+    path.write_text(_LEG)
+    run = _rolling(path)
+    run = run.with_channel(run.channel("command").replace(units=("rad", "N m")))
+    with pytest.raises(ModelError, match=r"commands N m .* servos of speed at wheel"):
+        prepare(path, [run])
 
 
 def _told(recording: Recording) -> Recording:

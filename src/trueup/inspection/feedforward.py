@@ -43,9 +43,7 @@ def with_feedforward(recordings: Sequence[Recording]) -> tuple[list[Recording], 
     result, said = list(recordings), {key: [] for key in _SAID}
     for i, recording in enumerate(recordings):
         name = next((n for n in ("command_sent", "command") if recording.has(n)), "")
-        parts = {
-            kind: recording.channel(f"{name}_{kind}") for kind in _UNITS if name and recording.has(f"{name}_{kind}")
-        }
+        parts = _beside(recording, name) if name else {}
         asked = {kind: channel for kind, channel in parts.items() if np.any(np.nan_to_num(channel.values))}
         changed = _moved(recording, recording.channel(name), asked) if asked else None
         key = "moved" if changed is not None else "idle" if parts and not asked else ""
@@ -56,8 +54,23 @@ def with_feedforward(recordings: Sequence[Recording]) -> tuple[list[Recording], 
         if key in ("moved", "idle"):
             result[i] = recording if changed is None else recording.with_channel(changed)
             for channel in parts.values():
-                result[i] = result[i].without(channel.name)
+                result[i] = _without(result[i], channel)
     return result, [_SAID[key].format(", ".join(names)) for key, names in said.items() if names]
+
+
+def _beside(recording: Recording, name: str) -> dict[str, Channel]:
+    """Speeds and torques commanded beside the positions `name` of the same joints; those of others are these alone."""
+    told = recording.channel(name).labels
+    every = {kind: recording.channels.get(f"{name}_{kind}") for kind in _UNITS}
+    shared = {kind: (c, [x for x in c.labels if x in told]) for kind, c in every.items() if c is not None}
+    return {kind: c.select(labels) for kind, (c, labels) in shared.items() if labels}
+
+
+def _without(recording: Recording, part: Channel) -> Recording:
+    """Without a part of a channel, which goes where nothing else is in it."""
+    whole = recording.channel(part.name)
+    rest = [x for x in whole.labels if x not in part.labels]
+    return recording.with_channel(whole.select(rest)) if rest else recording.without(whole.name)
 
 
 def _moved(recording: Recording, command: Channel, parts: Mapping[str, Channel]) -> Channel | None:

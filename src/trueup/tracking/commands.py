@@ -63,7 +63,8 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
             'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]; of a robot with two driven '
             'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s" '
             '(["left_duty", "right_duty"] of PWM; of four wheels ["left", "right", "rear_left", "rear_right"]). '
-            "What drives sideways too (three omni wheels, mecanum) is not simulated"
+            "What drives sideways too (three omni wheels, mecanum), or bends in its middle (articulated loaders: "
+            "bending turns them as they stand, too), is not simulated"
         )
     for label, beside in (("sideways", drive), ("rear_steering", steer)):
         if label in found:

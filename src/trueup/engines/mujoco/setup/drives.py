@@ -40,7 +40,7 @@ def driven(model: Model, recordings: Sequence[Recording]) -> Model:
     if not commands:
         return model
     bare, torques, speeds = (not model.compiled.nactuator, *(commands[0].unit in u for u in (_TORQUE, _SPEED)))
-    told = {label: command.unit_of(label) in _SPEED for command in commands for label in command.labels}
+    told = {x: c.unit_of(x) in _SPEED for c in commands for x in c.labels if c.unit_of(x) not in _TORQUE}
     if bare:
         wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
     else:
@@ -140,7 +140,7 @@ def uncommanded(model: Model, recordings: Sequence[Recording]) -> list[str]:
     runs = listed(tuple(dict.fromkeys(name for names in found.values() for name in names)))
     unused = (
         f" What is in {', '.join(dict.fromkeys(beside))} is not used: beside positions of others the model's drives "
-        "take speeds in rad/s or m/s where they are <velocity> actuators."
+        "take speeds in rad/s or m/s where they are <velocity> actuators, torques in N m or N where they are <motor>."
         if beside
         else ""
     )
@@ -228,16 +228,16 @@ def _check(model: Model, recording: Recording) -> None:
     command = command_of(recording)
     if command is None:
         return
-    where = f"recording '{recording.name}' commands {command.unit} (channel '{command.name}')"
-    if command.unit in _TORQUE:
-        drives = _actuators(model, command)
-        servos = [label for label, i in drives.items() if model.is_position_servo(i)]
-        if servos or any(is_speed_servo(model.compiled, i) for i in drives.values()):
-            kind = f"position servos at {', '.join(servos)}" if servos else f"servos of speed at {', '.join(drives)}"
-            raise ModelError(
-                f"{where}, but model '{model.path.name}' has {kind}: give it <motor> "
-                "actuators, or log the commanded positions as 'command'"
-            )
+    told = [label for label in command.labels if command.unit_of(label) in _TORQUE]
+    drives = _actuators(model, command.select(told)) if told else {}
+    servos = [label for label, i in drives.items() if model.is_position_servo(i)]
+    speeds = [label for label, i in drives.items() if is_speed_servo(model.compiled, i)]
+    if servos or speeds:
+        kind = f"position servos at {', '.join(servos)}" if servos else f"servos of speed at {', '.join(speeds)}"
+        raise ModelError(
+            f"recording '{recording.name}' commands {command.unit_of(told[0])} (channel '{command.name}'), but model "
+            f"'{model.path.name}' has {kind}: give it <motor> actuators, or log the commanded positions as 'command'"
+        )
 
 
 def check_joints(model: Model, recordings: Sequence[Recording]) -> None:

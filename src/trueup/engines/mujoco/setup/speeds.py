@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of drives that take speeds, alone or beside others that take positions: wheels on the legs of a robot."""
+"""Commands of drives that take speeds, or torques, beside others that take positions: wheels on the legs of a robot."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.wiring import is_speed_servo
+from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.relations import follows_by_speed
-from trueup.recording import Recording
+from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS, command_of
 
 SPEED = {"rad": "rad/s", "m": "m/s"}
 """Unit of a joint's position to that of its speed."""
-_SPEEDS = tuple(name for name in COMMANDS if name.endswith("velocity"))
+TORQUE = {"rad": "N m", "m": "N"}
+"""Unit of a joint's position to that of its torque or force."""
 
 
 def with_speeds(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings in which drives of speed are told speeds, in the channel of the other drives' commands, and a note.
+    """Recordings in which drives of speed are told speeds, and motors torques, in the channel of the other drives' commands,
+    and a note.
 
     These stand in a channel of their own, beside positions of the same drives or of others; or where commands are called
     positions, a drive takes speeds and its joint turns as fast as it is told.
@@ -44,28 +46,34 @@ def _drives(model: Model) -> dict[str, int]:
 
 
 def _together(model: Model, recording: Recording) -> Recording:
-    """Positions and speeds that were commanded of several drives as one command, where the drives take them."""
-    channels = [recording.channel(n) for n in COMMANDS if recording.has(n)]
-    positions = next((c for c in channels if c.unit in SPEED), None)
-    speeds = next((c for c in channels if c.unit in SPEED.values() or (c.name in _SPEEDS and not c.unit)), None)
-    if positions is None or speeds is None:
-        return recording
+    """Positions of some drives and speeds or torques of others that were commanded, as one command, where the drives take
+    them. Torques of motors whose positions were commanded as well are another matter (`drives.suited`).
+    """
     drives = _drives(model)
-    taken = [x for x in speeds.labels if x in drives and is_speed_servo(model.compiled, drives[x])]
-    others = [x for x in positions.labels if x not in taken]
-    if not taken:
-        return recording
-    if not speeds.unit:
-        speeds = speeds.replace(unit=SPEED[positions.unit])
-    for channel in channels:
-        recording = recording.without(channel.name)
-    if not others:
-        return recording.with_channel(speeds)
-    values = np.concatenate(
-        [positions.select(others).values, speeds.select(taken).at(positions.time, hold=True)], axis=1
-    )
-    units = (*(positions.unit_of(x) for x in others), *(speeds.unit_of(x) for x in taken))
-    return recording.with_channel(positions.replace(labels=(*others, *taken), values=values, units=units))
+    for kind, units in (("velocity", SPEED), ("torque", TORQUE)):
+        channels = [recording.channel(n) for n in COMMANDS if recording.has(n)]
+        positions = next((c for c in channels if c.unit in SPEED), None)
+        told = next((c for c in channels if c.unit in units.values() or (c.name.endswith(kind) and not c.unit)), None)
+        if positions is None or told is None:
+            continue
+        takes = is_speed_servo if kind == "velocity" else is_motor
+        taken = [x for x in told.labels if x in drives and takes(model.compiled, drives[x])]
+        others = [x for x in positions.labels if x not in taken]
+        motors = [x for x in others if x in drives and is_motor(model.compiled, drives[x])]
+        if not taken or (kind == "torque" and (motors or len(others) < len(positions.labels))):
+            continue
+        told = told if told.unit else told.replace(unit=units[positions.unit])
+        for channel in (positions, told):
+            recording = recording.without(channel.name)
+        recording = recording.with_channel(_beside(positions.select(others), told.select(taken)) if others else told)
+    return recording
+
+
+def _beside(positions: Channel, told: Channel) -> Channel:
+    """One command of what positions and what else were told."""
+    values = np.concatenate([positions.values, told.at(positions.time, hold=True)], axis=1)
+    units = tuple(c.unit_of(x) for c in (positions, told) for x in c.labels)
+    return positions.replace(labels=(*positions.labels, *told.labels), values=values, units=units)
 
 
 def _in_speeds(recording: Recording, labels: Sequence[str]) -> Recording:
