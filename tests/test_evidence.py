@@ -20,6 +20,13 @@ def test_a_gain_on_every_block_is_evidence_however_different_their_errors_are() 
     assert evidence(without, without * [0.8, 0.85, 0.75, 0.8]).holds
 
 
+def test_what_rounding_gains_on_every_block_is_no_evidence() -> None:
+    errors = np.random.default_rng(0).uniform(0.1, 10.0, 6)
+    shown = evidence(errors * (1.0 + 1e-10), errors)
+    assert shown.gain > 2.0 * shown.standard_error > 0.0
+    assert not shown.holds
+
+
 def test_one_block_or_a_failed_replay_is_no_evidence() -> None:
     assert not evidence(np.array([2.0]), np.array([1.0])).holds
     assert not evidence(np.array([2.0, 2.0, 2.0]), np.array([1.0, np.inf, 1.0])).holds

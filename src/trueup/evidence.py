@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.rounding import TINY
+from trueup.rounding import ROUNDED, TINY
 
 FEWEST_PARTS = 6
 """Parts that are left out in turn, at least: of fewer the spread is itself hardly known."""
@@ -38,8 +38,8 @@ class Evidence:
 
     @property
     def holds(self) -> bool:
-        """Whether the structure stays."""
-        return self.gain > STANDARD_ERRORS * self.standard_error
+        """Whether the structure stays: what rounding alone gains, block by block alike, is no evidence."""
+        return self.gain > max(STANDARD_ERRORS * self.standard_error, ROUNDED)
 
     @property
     def halves(self) -> bool:

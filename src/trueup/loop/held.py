@@ -19,11 +19,12 @@ from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.rivals import Rival
-from trueup.loop.uncertainty import FORETOLD, INEXACT, vague
+from trueup.loop.uncertainty import FORETOLD, INEXACT
 from trueup.parameters import Parameter
 from trueup.rounding import ROUNDED
 from trueup.search.bounded_step import corrected, damped_step
 from trueup.search.robust import robust_losses
+from trueup.verdicts import vague
 
 _HALVINGS = 8
 """Sizes between the start value and an end of the range: below a hundredth of the way slopes hold."""
