@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from trueup.commands.sources import given
+from trueup.errors import MappingError
 from trueup.formats import TimeColumn, read
 
 
@@ -44,3 +45,22 @@ def test_recordings_whose_files_have_one_name_are_told_apart_by_their_folders(tm
     assert [r.name for r in (*fitted, *held)] == ["day_1_log", "day_2_log"]
     assert [r.name for r in given(asked(tmp_path, logs[0], logs[0]))[0]] == ["log", "log_2"]
     assert [r.name for r in read([tmp_path / p for p in logs])] == ["day_1_log", "day_2_log"]
+
+
+def test_a_mapping_that_another_log_left_in_the_folder_says_what_to_do_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    args = asked(tmp_path, "day_1/run/log.csv")
+    monkeypatch.chdir(tmp_path)
+    channels = {"position": "pos_a", "command": "cmd_b"}
+    lines = [f'[channels.{role}]\ncolumns = ["{column}"]\n' for role, column in channels.items()]
+    Path("mapping.toml").write_text('[time]\ncolumn = "time"\n' + "".join(lines), encoding="utf-8")
+    with pytest.raises(
+        MappingError, match=r"no column 'cmd_b'.*mapping\.toml in this folder says so: edit it, name another"
+    ):
+        given(args)
+    Path("mapping.toml").rename("other.toml")
+    args.mapping = "other.toml"
+    with pytest.raises(MappingError) as named:
+        given(args)
+    assert "in this folder" not in str(named.value)

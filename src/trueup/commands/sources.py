@@ -18,7 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, DownloadColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from trueup import files
-from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
+from trueup.errors import FormatError, MappingError, OtherFilesMappingError, RecordingError, unknown_name
 from trueup.formats import ChannelMap, guess_mapping, is_recording, read
 from trueup.formats.distinct import distinct
 from trueup.inspection.diagnosis import Diagnosis
@@ -75,6 +75,13 @@ def recordings_in(
                 raise
             recordings += read([path], joints=joints)
             others.append(path.name)
+        except MappingError as error:
+            if named or not MAPPING.is_file():
+                raise
+            raise MappingError(
+                f"{error}. {MAPPING} in this folder says so: edit it, name another one by --mapping, or move it away to have "
+                "columns guessed"
+            ) from None
     more = f"{mapping} names no column of {', '.join(others[:5])}{' ...' * (len(others) > 5)}: theirs are guessed"
     return distinct(recordings), [more] if others else []
 
