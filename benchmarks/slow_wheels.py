@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cars whose wheel turns slowly, late or both: where drives of 25 s lead, and how far predictions of others go astray.
 
-A slow wheel on a short drive looks like soft tyres or a lag. Beside the calibration stands the same one of a car whose wheel
-has no limit of speed: what that quantity earns, where it is there.
+A slow wheel on a short drive looks like soft tyres or a lag. Beside the calibration stands the same one with the limit of
+the wheel's speed left where searches begin: what finding it earns.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ def turned(steering: Array, rate: float, late: float, rng: np.random.Generator |
     })  # fmt: skip
 
 
-def _judged(car: Path, first: float, rate: float, late: float, *, limited: bool = True) -> tuple[Estimate, Array]:
-    """The limit that was found, if it is `limited`, and errors in m of predictions 1 s and 3 s ahead of another drive."""
+def _judged(car: Path, first: float, rate: float, late: float, *, searched: bool = True) -> tuple[Estimate, Array]:
+    """The limit that was found, if it is `searched`, and errors in m of predictions 1 s and 3 s ahead of another drive."""
     other = 45.0 if first < 30.0 else 0.0
     ready = prepare(car, [turned(asked(first, first + 25.0), rate, late, np.random.default_rng(int(50 * first)))])
     ready = (
-        ready if limited else ready.only([n for n in ready.simulator.parameters.names if n != "steering_rate_limit"])
+        ready if searched else ready.only([n for n in ready.simulator.parameters.names if n != "steering_rate_limit"])
     )
     found = ready.calibrate()
     assert isinstance(ready.simulator, VehicleSimulator)
@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one drive in place of three")
     quick = parser.parse_args().quick
     cars = ((0.5, 0.0), (0.5, 0.1), (1.0, 0.1), (2.0, 0.1), (np.inf, 0.1), (np.inf, 0.25))
-    print("drive from   rate    late   found   3 s ahead, mm   without")
+    print("drive from   rate    late   found   3 s ahead, mm   at start")
     every, held = [], []
     with tempfile.TemporaryDirectory() as folder:
         car = Path(folder) / "car.toml"
@@ -85,14 +85,14 @@ def main() -> None:
         for first in (45.0,) if quick else (0.0, 20.0, 45.0):
             for rate, late in cars:
                 limit, errors = _judged(car, first, rate, late)
-                _, without = _judged(car, first, rate, late, limited=False)
+                _, without = _judged(car, first, rate, late, searched=False)
                 every.append((errors[1], without[1]))
                 if limit.verdict == "identified":
                     held.append(limit.low <= rate <= limit.high)
                 shown = f"{limit.value:7.2f} {1e3 * errors[1]:15.1f} {1e3 * without[1]:9.1f}"
                 print(f"{first:8.0f} s {rate:6.2g} {late:7.2f} {shown}", flush=True)
     ours, theirs = np.exp(np.mean(np.log(every), axis=0)).tolist()
-    said = "without a limit of the wheel's speed"
+    said = "with the limit left at its start value"
     result("slow_wheels_3s", ours, "m", 1.0, peer=said, peer_value=theirs, ratio_goal=True)
     worst, peers_worst = np.max(every, axis=0).tolist()
     result("slow_wheels_3s_at_worst", worst, "m", 1.0, peer=said, peer_value=peers_worst, ratio_goal=True)
