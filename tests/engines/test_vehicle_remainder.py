@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.remainder import unlike_commanded
+from trueup.engines.vehicle.remainder import errors_go_with
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.recording import Channel, Recording
 
@@ -63,7 +63,7 @@ def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0, slope: float =
 def test_errors_that_go_with_something_are_told_of(cause: str, aspect: str, lacks: dict[str, float]) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
     drives = [robot.prepared(drive(seed, **lacks)) for seed in (0, 1)]
-    said = unlike_commanded(robot, np.zeros(0), drives, 3.0)
+    said = errors_go_with(robot, np.zeros(0), drives, 3.0)
     assert len(said) == bool(aspect)
     assert all(aspect in text and f"goes with {cause}" in text for text in said)
 
@@ -72,4 +72,4 @@ def test_errors_that_go_with_something_are_told_of(cause: str, aspect: str, lack
 def test_drives_too_short_to_leave_stretches_out_tell_nothing(seconds: float) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
     short = robot.prepared(drive(0, trailer=0.4).slice(0.0, seconds))
-    assert unlike_commanded(robot, np.zeros(0), [short], 3.0) == ()
+    assert errors_go_with(robot, np.zeros(0), [short], 3.0) == ()

@@ -10,14 +10,18 @@ from trueup.recording import Channel
 from trueup.tracking.heading import turned_with
 
 
-@pytest.mark.parametrize(("ahead", "left"), [(0.0, 0.0), (0.8, 0.3), (-0.4, -0.2)])
+@pytest.mark.parametrize(
+    ("ahead", "left", "lasts"), [(0.0, 0.0, 2.0), (0.8, 0.3, 2.0), (-0.4, -0.2, 2.0), (0.8, 0.0, 10.0)]
+)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_heading_is_that_of_the_vehicle_wherever_on_it_the_antenna_is(ahead: float, left: float, sign: float) -> None:
-    # Curves to both sides of one to four seconds at a few metres per second, 5 Hz fixes good to 15 mm, a gyroscope
+def test_heading_is_that_of_the_vehicle_wherever_on_it_the_antenna_is(
+    ahead: float, left: float, lasts: float, sign: float
+) -> None:  # fmt: skip
+    # Curves to both sides at a few metres per second, 5 Hz fixes good to 15 mm, a gyroscope
     # whose zero is off.
     rng, dt = np.random.default_rng(5), 0.01
     time = np.arange(0.0, 120.0, dt)
-    rate = np.repeat(rng.uniform(-0.8, 0.8, 60), 200)[: len(time)]
+    rate = np.repeat(rng.uniform(-0.8, 0.8, 60), round(lasts / dt))[: len(time)]
     speed = 2.0 + np.sin(0.3 * time)
     heading = np.cumsum(rate) * dt
     way = np.cumsum(speed * np.exp(1j * heading)) * dt + (ahead + 1j * left) * np.exp(1j * heading)

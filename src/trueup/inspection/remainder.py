@@ -112,17 +112,12 @@ def _ridge(table: Array, wanted: Array, weight: float) -> Array:
     return np.asarray(np.linalg.solve(table.T @ table + penalty, table.T @ wanted), dtype=np.float64)
 
 
-def means(commands: Array, starts: Integers, edges: Integers) -> Array:
-    """(S, F) means of commands (G, 2) and of their products over windows between `edges` around the `starts`."""
-    table = cubes(commands)
+def means(table: Array, starts: Integers, edges: Integers) -> Array:
+    """(S, F) means of the columns of a table (G, k), a window after the other, between `edges` around the `starts`."""
     until = np.concatenate([np.zeros((1, table.shape[1])), np.cumsum(table, axis=0)])
-    at = np.clip(starts[:, None] + edges[None], 0, len(commands))
+    at = np.clip(starts[:, None] + edges[None], 0, len(table))
     means = np.diff(until[at], axis=1) / np.maximum(np.diff(at, axis=1), 1)[:, :, None]
     return means.reshape(len(starts), means.shape[1] * means.shape[2])
-
-
-CUBES = 10
-"""Columns of `cubes`, of which the first two are the pairs themselves."""
 
 
 def cubes(pairs: Array) -> Array:

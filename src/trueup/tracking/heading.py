@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from trueup.arrays import Array, Mask
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
-from trueup.rounding import TINY
+from trueup.rounding import ROUNDED, TINY
 
+Number = TypeVar("Number", np.float64, np.complex128)
 _QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
 """Labels of a quaternion, the real part last."""
 _WAY = 0.05  # m at least between the poses that show a direction of motion
 SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
-_TURNS = 10  # times that a lever arm and the zero are found from one another: the error halves each time or better
 _TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
 
 
@@ -88,11 +91,11 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | N
         return None
     areas, angles = (np.interp(time, clock, v) for v in (area, angle))
     mean, turned = (areas[width:] - areas[:-width]) / lasted, angles[width:] - angles[:-width]
-    ahead = np.where(usable, moved[:, 0] + 1j * moved[:, 1], 0.0)
+    ahead: NDArray[np.complex128] = np.where(usable, moved[:, 0] + 1j * moved[:, 1], 0j)
     flipped = 1.0 if back is None else np.where(back[good][width:], -1.0, 1.0)
     best: tuple[float, Array] = (0.0, np.zeros(0))
     for sign in (1.0, -1.0):
-        swung = np.where(usable, 2j * np.sin(0.5 * sign * turned), 0.0) * flipped
+        swung = np.where(usable, 2.0 * np.sin(0.5 * sign * turned), 0.0) * flipped
         agree, summed = _zero_of(time[width:], ahead * np.exp(-1j * sign * mean) * flipped, swung)
         if agree > best[0]:
             found = np.concatenate([np.zeros(width), np.unwrap(np.angle(summed))])
@@ -105,29 +108,36 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | N
     return Channel("heading", ("heading",), "rad", position.time, values)
 
 
-def _zero_of(time: Array, went: Array, swung: Array) -> tuple[float, Array]:
+def _zero_of(time: Array, went: NDArray[np.complex128], swung: Array) -> tuple[float, NDArray[np.complex128]]:
     """How well moves of a point (T,), complex in m, seen from the mean angle of a gyroscope between their ends, agree on its
-    zero, and sums (T,) whose argument that is. `swung` (T,) is how far a point a metre ahead of the axle moves by the turn.
+    zero, and sums (T,) whose argument that is. `swung` (T,) is how far a point a metre ahead of the axle moves to the left by
+    the turn alone.
 
-    What crosses the vehicle is zero times way, or lever arm times turn: regressed on the turn with the last zero, in turns
-    (a fixed point, since the zero is a mean of seconds over which turns to both sides cancel in part).
+    A lever arm says which part of each move goes across, and so the zero; what then goes across, regressed on the turn, is
+    the lever arm: where both agree is found by the secant method.
     """
-    summed, moved = _fading(time, went), went
-    for _ in range(_TURNS):
-        zero = np.exp(1j * np.angle(summed))
-        across = np.imag(went * zero.conj())
-        arm = float(np.sum(across * np.imag(swung))) / max(float(np.sum(np.abs(swung) ** 2)), TINY)
-        moved = went - arm * swung * zero
-        summed = _fading(time, moved)
-    there = np.abs(went) > 0.0
-    weight = _fading(time, np.abs(moved))
+    from scipy.optimize import root_scalar  # half a second to load, and rarely needed
+
+    size = np.maximum(np.abs(went), TINY)
+
+    def zeros(arm: float) -> NDArray[np.complex128]:
+        across = np.clip(arm * swung / size, -1.0, 1.0)
+        return _fading(time, went * (np.sqrt(1.0 - across**2) - 1j * across))
+
+    def beyond(arm: float) -> float:
+        across = np.imag(went * np.exp(-1j * np.angle(zeros(arm))))
+        return float(np.sum(across * swung)) / max(float(np.sum(swung**2)), TINY) - arm
+
+    first = beyond(0.0)
+    found = root_scalar(beyond, method="secant", x0=0.0, x1=first) if abs(first) > ROUNDED else None
+    summed = zeros(float(found.root) if found is not None and found.converged else 0.0)
+    there, weight = np.abs(went) > 0.0, _fading(time, np.abs(went))
     return float(np.mean(np.abs(summed[there]) / weight[there])), summed
 
 
-def _fading(time: Array, values: Array) -> Array:
+def _fading(time: Array, values: NDArray[Number]) -> NDArray[Number]:
     """(T,) sums over the past in which what is _FADES s old counts a third."""
-    out = np.zeros(len(values), dtype=values.dtype)
-    now = out.dtype.type(0.0)
+    out, now = np.zeros_like(values), values.dtype.type(0.0)
     keep = np.exp(-np.diff(time, prepend=time[0]) / _FADES)
     for k in range(len(values)):
         now = now * keep[k] + values[k]

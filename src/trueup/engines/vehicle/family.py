@@ -19,7 +19,7 @@ from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both, confirmed
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.quantities import LASTING
-from trueup.engines.vehicle.remainder import unlike_commanded
+from trueup.engines.vehicle.remainder import errors_go_with
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.share import shared
 from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
@@ -120,7 +120,7 @@ class Vehicles(Family):
         estimates = slow_in_one_way(by_both(found.estimates, other.estimates, simulator.parameters))
         warnings = (
             *said_once(found.warnings),
-            *unlike_commanded(simulator, found.values, [*drives, *others], max(horizons)),
+            *errors_go_with(simulator, found.values, [*drives, *others], max(horizons)),
         )
         return replace(found, estimates=estimates, notes=notes, warnings=warnings)
 

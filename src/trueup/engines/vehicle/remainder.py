@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.engines.vehicle.prediction import tracked
 from trueup.engines.vehicle.rollout import VehicleSimulator
-from trueup.inspection.remainder import CUBES, DRIVEN, EVERY, FACED, TOLD, Astray, cubes, means, moved, unlike
+from trueup.inspection.remainder import DRIVEN, EVERY, FACED, TOLD, Astray, cubes, means, moved, unlike
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.samples import wrapped
@@ -19,7 +19,7 @@ from trueup.tracking.past import PAST, begun_at
 from trueup.trial import Trial
 
 
-def unlike_commanded(
+def errors_go_with(
     simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], horizon: float
 ) -> tuple[str, ...]:
     """What to say of prepared drives whose errors `horizon` s ahead go with what was commanded, or with time or heading."""
@@ -41,12 +41,10 @@ def astray(simulator: VehicleSimulator, values: Array, recording: Recording, hor
     errors = moved(found) - moved(tracked(position.time, pose, begun[:, None] + at))
     errors[:, 2] = wrapped(errors[:, 2])
     windows = np.round(np.arange(-PAST, horizon + 0.5) / past.step).astype(np.int64)
-    told = means(past.commands, starts, windows)
     driven = (begun - 0.5 * (begun[:1] + begun[-1:]))[:, None]
-    plain = told[:, np.arange(told.shape[1]) % CUBES < 2]  # without products
     beside = {
-        TOLD: np.concatenate([told, cubes(past.seen[starts, 3:])], axis=1),
-        DRIVEN: np.concatenate([driven, driven * plain], axis=1),
+        TOLD: np.concatenate([means(cubes(past.commands), starts, windows), cubes(past.seen[starts, 3:])], axis=1),
+        DRIVEN: np.concatenate([driven, driven * means(past.commands, starts, windows)], axis=1),
         FACED: np.concatenate([np.cos(found[:, :, 2]), np.sin(found[:, :, 2])], axis=1),
     }
     x, y, psi = estimate_noise(pose, position.time).tolist()

@@ -53,9 +53,8 @@ def coupled(motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cuto
         if not (new := basic.choice(more)).beats(best):
             break
         best, ratios = new, more
-        rest = [
-            pair for pair in rest if pair not in ratios and pair[::-1] not in ratios
-        ]  # of a screw: its nut or its spline
+        # Of a screw the nut or the spline turns with the other.
+        rest = [pair for pair in rest if pair not in ratios and pair[::-1] not in ratios]
     if not ratios:
         return drives
     ratios = basic.lowest(ratios, _EXACT)

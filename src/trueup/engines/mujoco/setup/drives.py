@@ -10,10 +10,10 @@ import mujoco
 
 from trueup.articulated.pose import in_angles
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.mixed_commands import with_mixed_commands
 from trueup.engines.mujoco.setup.proposal import moving_joints
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
-from trueup.engines.mujoco.setup.speeds import with_speeds
 from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo, takes
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
 from trueup.inspection.scales import check_units
@@ -164,7 +164,7 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     named, still_more = of_slides(model, named)
     notes += [*more, *still_more, *at_odds(named)]
     kept, cut = [], []
-    named, more = with_speeds(model, named)
+    named, more = with_mixed_commands(model, named)
     notes += more
     for recording in named:
         command = command_of(recording)

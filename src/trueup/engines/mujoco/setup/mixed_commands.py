@@ -19,7 +19,7 @@ TORQUE = {"rad": "N m", "m": "N"}
 """Unit of a joint's position to that of its torque or force."""
 
 
-def with_speeds(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+def with_mixed_commands(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings in which drives of speed are told speeds, and motors torques, in the channel of the other drives' commands,
     and a note.
 
