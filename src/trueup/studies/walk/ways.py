@@ -19,6 +19,7 @@ DARING = 0.35
 """m/s that a fall costs where pace and lean are found: half of what searches in simulators reckon with (`Budget.fall`), whose
 walks fall twice as often. Of 0.7, 0.5, 0.35 and 0.25 the one with two falls more in a hundred than at 0.7 on the formulas
 of `benchmarks/dosing.py`, and chosen there alone."""
+_SCORED = Ungrounded(corrected=True)
 WAYS: Mapping[str, Way] = {
     CONTROL: Searching(Ungrounded()),
     "noisy, daring": Searching(Ungrounded(), fall=DARING),
@@ -26,13 +27,18 @@ WAYS: Mapping[str, Way] = {
     "noisy + automatic": Searching(Ungrounded(), Automatic()),
     "noisy, daring + expert": Searching(Ungrounded(), Expert(), fall=DARING),
     "noisy, daring + automatic": Searching(Ungrounded(), Automatic(), fall=DARING),
-    "noisy + corrected": Searching(Ungrounded(corrected=True)),
+    "noisy + corrected": Searching(_SCORED),
     "fitted": Searching(Fitted()),
     "grounded + linear 0.3": Searching(Grounded()),
     "grounded + tree 0.3": Searching(Grounded(learner="model-tree")),
     "grounded + linear chained": Searching(Grounded(share=1.0, chained=True)),
     "calibrated": Searching(Calibrated()),
     "calibrated + grounded": Searching(Grounded(Calibrated(), share=1.0, chained=True)),
+    "grounded + linear 0.3 + corrected": Searching(Grounded(_SCORED)),
+    "grounded + tree 0.3 + corrected": Searching(Grounded(_SCORED, learner="model-tree")),
+    "grounded + linear chained + corrected": Searching(Grounded(_SCORED, share=1.0, chained=True)),
+    "calibrated + corrected": Searching(Calibrated(_SCORED)),
+    "calibrated + grounded + corrected": Searching(Grounded(Calibrated(_SCORED), share=1.0, chained=True)),
     CHALLENGER: OnTheRobot(paced, "the robot alone, pace and lean", DARING),
     "pace and lean, wary": OnTheRobot(paced, "the robot alone, pace and lean, wary of falls"),
     "robot alone": OnTheRobot(alone, "the robot alone"),
