@@ -4,7 +4,7 @@
 `trueup new --from stanley` and what it says by default; only robot and course are filled in. The truth is a dynamic bicycle
 with slipping tyres, drawn from the series, and one more thing each: see STRANGE. The simulator is a bicycle whose wheels
 roll where they point, unless drives show that tyres slip. Errors are what truly happens, localisation aside; the oracle is
-the same search on the hidden truth itself. Four numbers were chosen on these robots, see `engines.vehicle.drives.DOUBT`;
+the same search on the hidden truth itself. Four numbers were chosen on these robots, see `campaign.drives.DOUBT`;
 nothing else was.
 """
 

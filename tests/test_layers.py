@@ -141,6 +141,7 @@ RULES = (
     # the names that a plan may use, and what is behind them; `engines.family` leads from model files to engines
     Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),
     *(Rule(name, (*BASES, *NOUNS), lazily=ANYTHING) for name in ("campaign.motions", "campaign.walks")),
+    Rule("campaign.drives", ("engines.vehicle.quantities", "discrepancies.rigid", *BASES, *NOUNS)),
     Rule(
         "report",
         (

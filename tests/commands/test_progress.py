@@ -34,3 +34,11 @@ def test_errors_of_other_stretches_are_not_compared() -> None:
     first, then = shown.getvalue().splitlines()
     assert "20.0 -> 20.0 mm over 12.0 s" in first
     assert "50.0 -> 50.0 mm over 40.0 s" in then
+
+
+def test_a_log_shows_that_a_long_stage_goes_on() -> None:
+    shown = io.StringIO()
+    with Watcher(Console(file=shown), "m", quiet=False) as watch:
+        for seconds in range(100):
+            watch(TracePoint("all, full step", seconds, 1.0, 0.02 / (1.0 + seconds), float(seconds)))
+    assert [line.split(",")[-1].strip() for line in shown.getvalue().splitlines()] == ["0 s", "30 s", "60 s", "90 s"]

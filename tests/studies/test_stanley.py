@@ -11,10 +11,10 @@ import pytest
 from pages import checked
 from rich.console import Console
 
+from trueup.campaign.drives import doubted
 from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.commands.study_view import study_table
 from trueup.engines.vehicle import BETAS
-from trueup.engines.vehicle.drives import doubted
 from trueup.errors import UnknownNameError
 from trueup.recording import Recording
 from trueup.studies.stanley import chasi
@@ -119,7 +119,7 @@ def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(
     """On fewer courses and windows: what drives tell and what gains earn is claimed above and below, on all of them."""
     for name, courses in (("TRAINING", 2), ("HELD_OUT", 2)):
         monkeypatch.setattr(f"trueup.studies.stanley.courses.{name}", courses)
-    monkeypatch.setattr("trueup.engines.vehicle.drives.windows", lambda r, length: windows(r, length)[:8])
+    monkeypatch.setattr("trueup.campaign.drives.windows", lambda r, length: windows(r, length)[:8])
     told: list[tuple[str, int, int, float]] = []
     lines: list[str] = []
     study = run_study(

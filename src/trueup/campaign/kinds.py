@@ -182,7 +182,7 @@ def drives(
     It is as unsure of itself as tuning should be. Raises RecordingError where nothing moves, CalibrationError where nothing
     can be fitted.
     """
-    from trueup.engines.vehicle.drives import Drives
+    from trueup.campaign.drives import Drives
     from trueup.loop.prepare import Preparation
 
     ready = Preparation(Drives(length, most), simulator, tuple(recordings), tuple(held_out))

@@ -26,6 +26,9 @@ _STAGES = {
 }
 
 
+_EVERY = 30.0  # s between lines of one stage where not in a terminal: a log that stands still for minutes looks hung
+
+
 def bar(console: Console, *, quiet: bool = False) -> Progress:
     """A bar that goes away when it is done, with the words of `said` behind it; nothing where not in a terminal."""
     columns = (
@@ -40,7 +43,8 @@ def bar(console: Console, *, quiet: bool = False) -> Progress:
 
 
 class Watcher:
-    """A progress display, called with each TracePoint; one line a stage where not a terminal, silent with `quiet`.
+    """A progress display, called with each TracePoint; where not in a terminal a line for each stage, and
+    one every half minute of it; silent with `quiet`.
 
     Searches that begin anew, with their own count of simulations, are numbered.
     """
@@ -49,7 +53,7 @@ class Watcher:
         self._console, self._unit, self._quiet = console, unit, quiet
         self._first: float | None = None
         self._replayed = 0.0
-        self._stage, self._count, self._done = "", 0, 0.0
+        self._stage, self._count, self._done, self._told = "", 0, 0.0, 0.0
         self._searches, self._evaluations = 1, 0
         self._bar = bar(console, quiet=quiet)
         self._task = self._bar.add_task("simulating", total=1.0, said="first replay")
@@ -82,7 +86,8 @@ class Watcher:
         stage = f"search {self._searches}, {point.stage}" if self._searches > 1 else point.stage
         if not self._bar.disable:
             self._bar.update(self._task, completed=self._done, description=stage, said=said + self._left(point))
-        elif fresh and not self._quiet:
+        elif not self._quiet and (fresh or point.seconds - self._told >= _EVERY):
+            self._told = point.seconds
             tell(self._console, f"  {stage}: {said}, {point.seconds:.0f} s")
 
     def _left(self, point: TracePoint) -> str:
