@@ -43,6 +43,15 @@ def test_torques_that_are_zero_all_along_leave_the_robot_to_its_positions() -> N
     assert "zero all along (log)" in notes[0]
 
 
+def test_torques_that_are_zero_all_along_are_left_out_beside_speeds_that_are_not() -> None:
+    """A model with motors would be driven by them alone: let go."""
+    bare = log(command_torque=("N m", 0.0 * TIME), command_velocity=("rad/s", PACE)).replace(provenance={})
+    (made,), notes = with_feedforward([bare])
+    assert set(made.channels) == {"command", "position", "command_velocity"}
+    assert "zero all along (log)" in notes[0]
+    assert "does not name gains (log)" in notes[1]
+
+
 @pytest.mark.parametrize("measured", [False, True])
 def test_torques_that_are_all_that_acts_stay_a_command_of_their_own(measured: bool) -> None:
     """A controller on the computer that logs what its gains make of positions."""

@@ -29,8 +29,8 @@ _SAID = {
     "moved": "speeds or torques were commanded beside positions, with gains that the log names ({}): what drives were told, "
     "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
     "idle": "torques or speeds commanded beside positions are zero all along ({}): the positions drive the robot",
-    "unused": "torques were commanded beside positions, and the log does not name gains ({}): whether drives add them is not "
-    "known. If they do, name kp and kd in N m/rad and N m s/rad, in a column for each joint",
+    "unused": "torques or speeds were commanded beside positions, and the log does not name gains ({}): whether drives add them "
+    "is not known, and they are left out. If they do, name kp and kd in N m/rad and N m s/rad, in a column for each joint",
 }
 
 
@@ -46,14 +46,15 @@ def with_feedforward(recordings: Sequence[Recording]) -> tuple[list[Recording], 
         parts = _beside(recording, name) if name else {}
         asked = {kind: channel for kind, channel in parts.items() if np.any(np.nan_to_num(channel.values))}
         changed = _moved(recording, recording.channel(name), asked) if asked else None
-        key = "moved" if changed is not None else "idle" if parts and not asked else ""
-        if "torque" in asked and not setting(recording, "kp"):
-            key = "unused"
-        if key:
-            said[key].append(recording.name)
-        if key in ("moved", "idle"):
-            result[i] = recording if changed is None else recording.with_channel(changed)
-            for channel in parts.values():
+        unused = not setting(recording, "kp") and any(
+            kind == "torque" or _is_added(kind, c, recording.channel(name)) for kind, c in asked.items()
+        )
+        for key, holds in (("moved", changed is not None), ("idle", len(asked) < len(parts)), ("unused", unused)):
+            if holds:
+                said[key].append(recording.name)
+        result[i] = recording if changed is None else recording.with_channel(changed)
+        for kind, channel in parts.items():
+            if changed is not None or kind not in asked:
                 result[i] = _without(result[i], channel)
     return result, [_SAID[key].format(", ".join(names)) for key, names in said.items() if names]
 
