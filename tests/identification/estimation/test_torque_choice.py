@@ -48,6 +48,18 @@ def test_measured_torque_is_taken_by_its_name_though_a_computed_one_is_explained
         assert np.array_equal(made.channel("torque").values, computed.values)
 
 
+def test_parts_that_a_controller_makes_its_torque_of_are_none_that_was_measured(
+    tree: KinematicTree, log: tuple[Recording, Channel]
+) -> None:
+    run, computed = log
+    measured = run.channel("torque")
+    parts = ("control", "fric")
+    labels = (*tree.joints, *(f"{part}{k}" for part in parts for k in range(4)))
+    joined = measured.replace(labels=labels, values=np.hstack([measured.values, computed.values, 0.1 * computed.values]))
+    _, ((made,), _), _ = matched(tree, ([run.with_channel(joined)], []))
+    assert np.array_equal(made.channel("torque").values, measured.values)
+
+
 def test_torques_that_are_filtered_beside_plain_ones_are_not_asked_about(
     tree: KinematicTree, log: tuple[Recording, Channel]
 ) -> None:

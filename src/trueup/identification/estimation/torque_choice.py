@@ -22,7 +22,8 @@ from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 
 _ASKED = frozenset(re.split(r"\s+", """command cmd commanded desired des target ref reference setpoint sp computed calculated
-calc model predicted prediction estimated feedforward ff ideal nominal"""))  # fmt: skip
+calc model predicted prediction estimated feedforward ff ideal nominal control controller ctrl con compensation comp friction
+fric gravity grav coriolis"""))  # fmt: skip
 """Words of a torque that nobody measured."""
 
 
