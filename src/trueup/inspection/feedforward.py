@@ -29,8 +29,8 @@ _SAID = {
     "moved": "speeds or torques were commanded beside positions, with gains that the log names ({}): what drives were told, "
     "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
     "idle": "torques or speeds commanded beside positions are zero all along ({}): the positions drive the robot",
-    "unused": "torques or speeds were commanded beside positions, and the log does not name gains ({}): whether drives add them "
-    "is not known, and they are left out. If they do, name kp and kd in N m/rad and N m s/rad, in a column for each joint",
+    "unused": "torques or speeds were commanded beside positions, and the log does not name gains ({}): whether drives add "
+    "them is not known, and they are left out. If they do, name kp and kd (N m/rad, N m s/rad), in a column for each joint",
 }
 
 

@@ -55,7 +55,9 @@ def test_parts_that_a_controller_makes_its_torque_of_are_none_that_was_measured(
     measured = run.channel("torque")
     parts = ("control", "fric")
     labels = (*tree.joints, *(f"{part}{k}" for part in parts for k in range(4)))
-    joined = measured.replace(labels=labels, values=np.hstack([measured.values, computed.values, 0.1 * computed.values]))
+    joined = measured.replace(
+        labels=labels, values=np.hstack([measured.values, computed.values, 0.1 * computed.values])
+    )
     _, ((made,), _), _ = matched(tree, ([run.with_channel(joined)], []))
     assert np.array_equal(made.channel("torque").values, measured.values)
 

@@ -27,9 +27,10 @@ from trueup.formats.rules.coherence import (
     without_places,
     without_sensors,
 )
+from trueup.formats.rules.context import with_actual
 from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
-from trueup.formats.rules.names import axes, stem, taken_apart, with_actual, words
+from trueup.formats.rules.names import axes, stem, taken_apart, words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing

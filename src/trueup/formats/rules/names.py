@@ -6,7 +6,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from types import MappingProxyType
 
 from trueup.units import canonical
@@ -40,8 +39,8 @@ TOOLS = listed("ee eef tcp effector endeffector cartesian")
 _ANGLES_BY_LETTER = listed("r p y")
 EULER = listed("rpy euler")
 _TIME = listed(
-    "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
-    "nsec nanosec epoch unix utc timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
+    "time timestamp timestamps t stamp stamps times clock elapsed duration ts sec secs seconds millis micros datetime msec "
+    "usec nsec nanosec epoch unix utc timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
 )
 _TIME_UNITS = listed("ms us ns")
 """Names of a clock by themselves."""
@@ -68,27 +67,6 @@ _BRACKETS = frozenset("[]()")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _PIECE = re.compile(r"[^_\s./\-]+")
 _BRACKETED_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
-_LED = tuple(
-    tuple(re.compile(rf"(?<![A-Za-z]){word}(?![A-Za-z])", re.IGNORECASE) for word in pair)
-    for pair in (
-        ("leader", "follower"),
-        ("master", "puppet"),
-        ("master", "slave"),
-        ("actuator", "sensor"),
-        ("stiffness", "damping"),
-    )
-)
-_LED_AS = (("command", "actual"),) * 4 + (("kp", "kd"),)
-"""Words that mean something only where both stand beside the same: of a robot that is led by hand and one that follows it, of
-the gains of a drive (a joint has damping, too). And what they mean then.
-"""
-_OBJECT = re.compile(r"(?<![A-Za-z0-9])(?:0x60[0-9A-Fa-f]{2}|60[0-9A-Fa-f]{2}h)(?![A-Za-z0-9])_?")
-"""What a drive on a bus calls its objects (CiA 402): 6064h_position_actual, 0x607A_target_position."""
-_SIX = tuple(re.compile(rf"(?<![A-Za-z]){letter}([xyz])(?![A-Za-z])", re.I) for letter in ("a", "[gw]"))
-"""Axes of an accelerometer and of a gyro, each a word."""
-_ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
-
-_EFFORTS = listed("torque torques trq tau moment effort efforts current currents")
 
 
 @dataclass(frozen=True)
@@ -174,72 +152,6 @@ def axes(plain: Sequence[str]) -> frozenset[str]:
 def words(name: str) -> list[str]:
     """The words and numbers of a name, in lower case: "jointPos_1" -> joint, pos, 1."""
     return [match[0].lower() for match in _WORD.finditer(name)]
-
-
-def with_actual(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, str]:
-    """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, with a unit, and
-    behind a torque or current where no other is there ("trq_act"): should it be one after all, it drives what it drove.
-    In the name of one of the `joints` of a model it is a part of that ("L_act").
-    """
-    read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
-    for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
-        read = _in_pairs(read, words_of_pair, meant)
-    read = _inertial(read)
-    own = [f" {' '.join(words(joint))} " for joint in joints if "act" in words(joint)]
-    acted = _acted([name for name in read.values() if not any(joint in f" {' '.join(words(name))} " for joint in own)])
-    return {name: acted.get(as_read, as_read) for name, as_read in read.items()}
-
-
-def _inertial(read: dict[str, str]) -> dict[str, str]:
-    """Names in which ax, ay, az beside gx, gy, gz (or wx, wy, wz) are an accelerometer's axes and a gyro's: all
-    six, behind the same words.
-    """
-    whole: list[set[str]] = []
-    for word in _SIX:
-        seen: dict[str, set[str]] = {}
-        for match in filter(None, map(word.search, read.values())):
-            seen.setdefault(match.string[: match.start()].lower(), set()).add(match[1].lower())
-        whole.append({head for head, along in seen.items() if along == {"x", "y", "z"}})
-    heads = whole[0] & whole[1]
-
-    def as_sensor(name: str) -> str:
-        for word, sensor in zip(_SIX, ("acc", "gyro"), strict=True):
-            match = word.search(name)
-            if match and match.string[: match.start()].lower() in heads:
-                return word.sub(rf"{sensor}_\1", name)
-        return name
-
-    return {name: as_sensor(as_read) for name, as_read in read.items()}
-
-
-def _acted(names: Sequence[str]) -> dict[str, str]:
-    """Each name with "actual" for "act" where that is what it means."""
-    plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
-    measured = any(unit not in ("", "1") for name in names if _ACT.search(name) for unit in _units(name))
-    if measured or any(plain & set(words(name)) for name in names):
-        return {name: _ACT.sub("actual", name) for name in names}
-    given = {name: words(name) for name in names}
-    efforts = {name for name, each in given.items() if _EFFORTS & set(each)}
-    behind = {name for name in efforts if any(a in _EFFORTS and b == "act" for a, b in pairwise(given[name]))}
-    return {name: _ACT.sub("actual", name) if efforts == behind and name in behind else name for name in names}
-
-
-def _in_pairs(read: dict[str, str], pair: Sequence[re.Pattern[str]], meant: Sequence[str]) -> dict[str, str]:
-    """Names with what the words of a pair mean, where every name that has one has its like with the other.
-
-    More may be measured than is commanded; both gains are of the same drives.
-    """
-    one, other = pair
-    beside = [{word.sub("", name) for name in read.values() if word.search(name)} for word in pair]
-    if not beside[0] or not (beside[0] <= beside[1] if "actual" in meant else beside[0] == beside[1]):
-        return read
-    return {name: other.sub(meant[1], one.sub(meant[0], as_read)) for name, as_read in read.items()}
-
-
-def _units(name: str) -> tuple[str, str]:
-    """In brackets, and at its end."""
-    whole = taken_apart(name)
-    return whole.bracketed, whole.tail
 
 
 def is_time(name: str) -> bool:

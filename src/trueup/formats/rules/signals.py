@@ -62,6 +62,13 @@ RULES = (
             Example("t,Feedback_J1,Feedback_J2,Planned_J1,Planned_J2", "0 .1 .2 .1 .2|.01 .2 .1 .2 .2|.02 .3 .1 .2 .1",
                     "command[rad] J1 J2; position[rad] J1 J2"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
+            Example("t,current_position_1,target_position_1,motor_current_1", "0 .1 .1 1|.01 .2 .1 2|.02 .3 .2 1",
+                    "command[rad] joint_1; position[rad] joint_1; current[] motor_1"),
+            Example("t,curAngleHip,cmdAngleHip", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] Hip; position[rad] Hip"),
+            Example("t,p_act_1,v_act_1,t_act_1,p_des_1,v_des_1,kp_1,kd_1,t_ff_1",
+                    "0 .1 1 1 .1 1 20 1 0|.01 .2 2 2 .1 1 20 1 1|.02 .3 1 1 .2 2 20 1 0",
+                    "command[rad] joint_1; command_torque[N m] joint_1; command_velocity[rad/s] joint_1; "
+                    "position[rad] joint_1; velocity[rad/s] joint_1; torque[N m] joint_1; kp[] joint_1; kd[] joint_1"),
         ),
         unit="rad", also=("m",),
     ),
