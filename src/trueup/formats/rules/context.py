@@ -26,6 +26,9 @@ the gains of a drive (a joint has damping, too). And what they mean then.
 """
 _OBJECT = re.compile(r"(?<![A-Za-z0-9])(?:0x60[0-9A-Fa-f]{2}|60[0-9A-Fa-f]{2}h)(?![A-Za-z0-9])_?")
 """What a drive on a bus calls its objects (CiA 402): 6064h_position_actual, 0x607A_target_position."""
+_RSI = {re.compile(r"(?<![A-Za-z])AIPos"): "actual_position", re.compile(r"(?<![A-Za-z])ASPos"): "command_position",
+        re.compile(r"(?<![A-Za-z])MACur"): "current"}  # fmt: skip
+"""What KUKA's robot sensor interface calls an axis's position, its set point, and its motor's current."""
 _SIX = tuple(re.compile(rf"(?<![A-Za-z]){letter}([xyz])(?![A-Za-z])", re.I) for letter in ("a", "[gw]"))
 """Axes of an accelerometer and of a gyro, each a word."""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
@@ -44,6 +47,8 @@ def with_actual(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, s
     In the name of one of the `joints` of a model it is a part of that ("L_act").
     """
     read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
+    for word, meant_by_it in _RSI.items():
+        read = {name: word.sub(meant_by_it, as_read) for name, as_read in read.items()}
     for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
         read = _in_pairs(read, words_of_pair, meant)
     read = _present(_impedance(_inertial(read)))

@@ -64,6 +64,9 @@ RULES = (
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
             Example("t,current_position_1,target_position_1,motor_current_1", "0 .1 .1 1|.01 .2 .1 2|.02 .3 .2 1",
                     "command[rad] joint_1; position[rad] joint_1; current[] motor_1"),
+            Example("t,AIPos.A1,AIPos.A2,ASPos.A1,ASPos.A2,MACur.A1,MACur.A2",
+                    "0 .1 .2 .1 .2 1 1|.01 .2 .1 .2 .2 2 1|.02 .3 .1 .2 .1 1 2",
+                    "command[rad] A1 A2; position[rad] A1 A2; current[] A1 A2"),
             Example("t,curAngleHip,cmdAngleHip", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] Hip; position[rad] Hip"),
             Example("t,p_act_1,v_act_1,t_act_1,p_des_1,v_des_1,kp_1,kd_1,t_ff_1",
                     "0 .1 1 1 .1 1 20 1 0|.01 .2 2 2 .1 1 20 1 1|.02 .3 1 1 .2 2 20 1 0",
@@ -74,7 +77,7 @@ RULES = (
     ),
     Rule(
         "velocity",
-        "velocity, velocities, vel, vels, speed, speeds, qd, dq, qdot, qvel, dth, omega, jointvel, jv, jvel, dot, "
+        "velocity, velocities, vel, vels, velo, speed, speeds, qd, dq, qdot, qvel, dth, omega, jointvel, jv, jvel, dot, "
         "geschwindigkeit, drehzahl, vitesse, velocidad, velocita",
         (
             Example("t,q_1,q_dot_1", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] joint_1; velocity[rad/s] joint_1"),
