@@ -23,14 +23,14 @@ COMMANDED = listed(
 )
 """Words that make a command of what stands beside them."""
 SENT = listed("sent written applied")
-PLAINLY_MEASURED = listed("measured meas msr msd mes actual present feedback fb fbk ist mesure medida misura")
+PLAINLY_MEASURED = listed("measured meas msr msd mes observed actual present feedback fb fbk ist mesure medida misura")
 """Words that mean a position where nothing says of what."""
 TRACKERS = listed("vicon mocap optitrack qualisys odom odometry gps gnss uwb imu cam camera encoder")
 """Where a measurement may come from."""
 _WHOSE = COMMANDED | SENT | PLAINLY_MEASURED | TRACKERS
 """Words that may stand behind a unit: none is a part of the robot."""
 MEASURED = PLAINLY_MEASURED | listed(
-    "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
+    "observation obs state states read sensor sensed data motor motors joint joints field est estimate "
     "estimated pv real"
 )
 AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz px py pz tx ty tz")

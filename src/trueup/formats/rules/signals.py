@@ -67,6 +67,8 @@ RULES = (
             Example("t,AIPos.A1,AIPos.A2,ASPos.A1,ASPos.A2,MACur.A1,MACur.A2",
                     "0 .1 .2 .1 .2 1 1|.01 .2 .1 .2 .2 2 1|.02 .3 .1 .2 .1 1 2",
                     "command[rad] A1 A2; position[rad] A1 A2; current[] A1 A2"),
+            Example("t,Observed left_knee,Desired left_knee", "0 .1 .1|.01 .2 .1|.02 .3 .2",
+                    "command[rad] left_knee; position[rad] left_knee"),
             Example("t,curAngleHip,cmdAngleHip", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] Hip; position[rad] Hip"),
             Example("t,p_act_1,v_act_1,t_act_1,p_des_1,v_des_1,kp_1,kd_1,t_ff_1",
                     "0 .1 1 1 .1 1 20 1 0|.01 .2 2 2 .1 1 20 1 1|.02 .3 1 1 .2 2 20 1 0",
