@@ -18,16 +18,17 @@ VALUES = {"speed_gain": 5.0, "turn_lag": 0.12, **dict.fromkeys(("speed_delay", "
           "push_lasts": 0.0, "trim_lasts": 0.0}  # fmt: skip
 
 
-def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0, slope: float = 0.0, sags: float = 0.0) -> Recording:
+def drive(
+    seed: int, *, trailer: float = 0.0, skids: float = 0.0, slope: float = 0.0, sags: float = 0.0, hills: float = 0.0
+) -> Recording:
     """A robot on two driven wheels; a trailer 0.6 m behind holds it back from turning, or it skids aside in its turns, or it
-    drives on a floor that slopes (rad), or its battery gives less and less (share in the end).
+    drives on a floor that slopes or over hills (rad, 3 m from one to the next), or its battery gives less (share in the end).
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, SECONDS, STEP)
+    turns = (0.2, 1.0) if hills else (-1.0, 1.0)  # it comes by again where it has been
     knots = np.arange(0.0, SECONDS + 2.0, 2.0)
-    told = np.stack(
-        [np.interp(time, knots, rng.uniform(*ends, len(knots))) for ends in ((0.3, 1.0), (-1.0, 1.0))], axis=1
-    )
+    told = np.stack([np.interp(time, knots, rng.uniform(*ends, len(knots))) for ends in ((0.3, 1.0), turns)], axis=1)
     x = y = psi = v = w = hinge = 0.0
     rows, fine = [], 10
     full = 1.0 + sags * (0.5 - time / SECONDS)
@@ -35,6 +36,7 @@ def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0, slope: float =
         rows.append([x, y, psi])
         for step in [STEP / fine] * fine:
             v += step * VALUES["speed_gain"] * (speed - v) - step * 9.81 * slope * np.cos(psi - 0.7)
+            v -= step * 9.81 * hills * (np.sin(2.0 * x) * np.cos(psi) + np.cos(2.0 * y) * np.sin(psi))
             w += step / VALUES["turn_lag"] * (turn - w)
             turned = w - trailer * v * np.sin(hinge)
             hinge += step * (turned - v / 0.6 * np.sin(hinge))
@@ -57,6 +59,7 @@ def drive(seed: int, *, trailer: float = 0.0, skids: float = 0.0, slope: float =
         ("what was commanded", "across the vehicle", {"skids": 0.2}),
         ("how long the vehicle had driven", "heading", {"sags": 0.3}),
         ("which way the vehicle faced", "along the vehicle", {"slope": 0.05}),
+        ("where the vehicle was", "along the vehicle", {"hills": 0.08}),
         ("", "", {}),
     ],
 )
@@ -65,7 +68,7 @@ def test_errors_that_go_with_something_are_told_of(cause: str, aspect: str, lack
     drives = [robot.prepared(drive(seed, **lacks)) for seed in (0, 1)]
     said = errors_go_with(robot, np.zeros(0), drives, 3.0)
     assert len(said) == bool(aspect)
-    assert all(aspect in text and f"goes with {cause}" in text for text in said)
+    assert all(aspect in text and f"goes with {cause}" in text and "times what noise" in text for text in said)
 
 
 @pytest.mark.parametrize("seconds", [2.0, 20.0])

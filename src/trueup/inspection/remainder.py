@@ -3,7 +3,7 @@
 
 No list of vehicles is looked through (trailers, rear wheels that steer, tyres that scrub): a regression without any structure
 is asked, and has to foretell what it did not see. The same is asked of how long the vehicle has driven (a battery that
-empties) and of which way it faces (a floor that slopes).
+empties), of which way it faces (a floor that slopes) and of where it is (hills).
 """
 
 from __future__ import annotations
@@ -15,14 +15,26 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import EXPLAINED, FEWEST_PARTS, Evidence, evidence
-from trueup.rounding import TINY
+from trueup.rounding import ROUNDED, TINY
 
 EVERY = 0.25
 """In s between predictions."""
 STRETCH = 10.0
 """In s: what is left out together, several times as long as a prediction."""
 SIDES = ("position along the vehicle", "position across the vehicle", "heading")
+REACHES = (0.5, 2.0)
+"""Ways (as driven in the second half of a prediction) over which places are alike: less is a mean in each error, and where it
+is more, drives that pass far beside one another tell as much. Left-out stretches say which."""
+_ENOUGH = 300  # places of which a map of errors is made: the work grows with their cube, and drives come by again
 TOLD, DRIVEN, FACED = "what was commanded", "how long the vehicle had driven", "which way the vehicle faced"
+PLACED = "where the vehicle was"
+SIGNALS = (
+    "the commanded speed or throttle",
+    "the commanded steering or turn rate",
+    "how fast it went",
+    "how fast it turned",
+)
+"""What TOLD is made of."""
 MEANS = {
     TOLD: "The vehicle moves in a way that the simulated one cannot (as with a trailer, with wheels that steer or slip "
     "otherwise, or with something else that was commanded and is not in the mapping), and values found for it make up for "
@@ -31,6 +43,8 @@ MEANS = {
     "get warm), and values found for it are those of a mean of the drives",
     FACED: "Something of the place acts on it that the simulated one does not know (as on a floor that slopes, or in wind), "
     "and values found for it make up for that",
+    PLACED: "Something of the place acts on it that the simulated one does not know (as hills, or a floor that grips "
+    "otherwise in places), and values found for it make up for that",
 }
 """What errors may go with, and what that means."""
 
@@ -49,13 +63,16 @@ class Astray:
     beside: Mapping[str, Array]
     """(S, F) of each of `MEANS`: means of commands around each prediction, and speed and turn rate where it began, with
     their products; the time driven, from the middle of the drive, and its products with means of commands; cosines and sines
-    of the heading.
+    of the heading; x and y (m), heading (rad) and the way driven (m) in the middle of what is judged.
     """
+    alone: Mapping[str, Array]
+    """(S, F) of each of `SIGNALS` by itself."""
 
 
 def unlike(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
     """What to say of drives whose errors `horizon` s ahead a regression foretells, on what does so best: nothing where
-    left-out errors do not become half as large, by the rule of evidence.
+    left-out errors do not become half as large, by the rule of evidence. One signal is named in place of all of them where it
+    does as well, within a standard error (L. Breiman et al., 1984, section 3.4.3).
     """
     if not each:
         return ()
@@ -66,10 +83,34 @@ def unlike(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
     if not clear:
         return ()
     cause, side, most = max(clear, key=lambda found: found[2].gain)
+    most_with = _most_with(each, horizon, cause, side, most)
     return (
-        f"what is left goes with {cause}: a regression on that foretells the error of the {side} {horizon:g} s ahead, "
-        f"left-out errors are {most.in_words()} with it. {MEANS[cause]}",
+        f"{_size(each, side, horizon)}, and that goes with {cause}{most_with}: a regression on that foretells it, left-out "
+        f"errors are {most.in_words()} with it. {MEANS[cause]}",
     )
+
+
+def _size(each: Sequence[Astray], side: str, horizon: float) -> str:
+    """How much is left of one of `SIDES`."""
+    k = SIDES.index(side)
+    size = float(np.sqrt(np.mean(np.concatenate([a.errors[:, k] for a in each]) ** 2)))
+    noise = max(float(np.max([a.noise[k] for a in each])), TINY)
+    unit = "rad" if side == "heading" else "m"
+    return (
+        f"what is left of the {side} in the second half of predictions {horizon:g} s ahead is {size:.2g} {unit} (root mean "
+        f"square), {size / noise:.2g} times what noise makes it"
+    )
+
+
+def _most_with(each: Sequence[Astray], horizon: float, cause: str, side: str, most: Evidence) -> str:
+    """The one of `SIGNALS` with which errors go as well as with all that was commanded; '' for none."""
+    if cause != TOLD:
+        return ""
+    k = SIDES.index(side)
+    alone = {name: foretold(each, horizon, name)[k] for name in SIGNALS}
+    best = max(alone, key=lambda name: alone[name].gain)
+    enough = alone[best].holds and alone[best].gain > most.gain - most.standard_error
+    return f", most of all with {best}" if enough else ""
 
 
 def _beyond_noise(each: Sequence[Astray]) -> Mask:
@@ -79,16 +120,26 @@ def _beyond_noise(each: Sequence[Astray]) -> Mask:
 
 
 def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[Evidence]:
-    """What left-out stretches of drives say of a regression on one of `MEANS`, for each of `SIDES`; nothing where there are
-    fewer than are worth asking.
+    """What left-out stretches of drives say of a regression on one of `MEANS` or of `SIGNALS`, for each of `SIDES`; nothing
+    where there are fewer than are worth asking.
     """
+    told = np.concatenate([a.alone[cause] if cause in a.alone else a.beside[cause] for a in each])
+    if cause != PLACED:
+        return _left_out(each, horizon, (told - told.mean(axis=0)) / (told.std(axis=0) + TINY))
+    # Predictions that tell the same are left out together, passes by a place are not: each counts as one.
+    alike = np.sqrt(horizon / EVERY)
+    tried = [_left_out(each, horizon, alike * _over_places(told, reach)) for reach in REACHES]
+    return [max(found, key=lambda e: e.gain) for found in zip(*tried, strict=True)]
+
+
+def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evidence]:
+    """The evidence of a ridge regression on columns of `told` (S, F)."""
     parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // STRETCH)]
     if len(parts) < FEWEST_PARTS:
         return [Evidence(0.0, float("inf"))] * len(SIDES)
     drive = np.concatenate([np.full(len(a.begun), k) for k, a in enumerate(each)])
     begun, errors = (np.concatenate([getattr(a, n) for a in each]) for n in ("begun", "errors"))
-    told = np.concatenate([a.beside[cause] for a in each])
-    table = np.column_stack([np.ones(len(told)), (told - told.mean(axis=0)) / (told.std(axis=0) + TINY)])
+    table = np.column_stack([np.ones(len(told)), told])
     without, with_it = [], []
     for k, n in parts:
         left = (drive == k) & (begun // STRETCH == n)
@@ -97,6 +148,25 @@ def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[
         without.append(np.sqrt(np.mean(errors[left] ** 2, axis=0)))
         with_it.append(np.sqrt(np.mean(rest**2, axis=0)))
     return [evidence(a, b, a**2) for a, b in zip(np.transpose(without), np.transpose(with_it), strict=True)]
+
+
+def _over_places(places: Array, reach: float) -> Array:
+    """(S, F) features on which a ridge is a Gaussian process over places (x, y, heading, way): what is the same for all who
+    come by, and what turns round with the heading, as a slope does. It is smooth over `reach` times the way in which errors
+    arise. C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning, 2006, sections 2.1 and 8.1 (of some places).
+    """
+    some = places[:: int(np.ceil(len(places) / _ENOUGH))]
+    length = reach * max(float(np.mean(places[:, 3])), TINY)
+    values, vectors = np.linalg.eigh(_alike(some, some, length))
+    kept = values > ROUNDED * values[-1]
+    return np.asarray(_alike(places, some, length) @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=np.float64)
+
+
+def _alike(places: Array, others: Array, length: float) -> Array:
+    """(S, M) covariances of places (S, 4) and others (M, 4)."""
+    (x, y, psi, _), (u, v, chi, _) = places.T, others.T
+    apart = (x[:, None] - u) ** 2 + (y[:, None] - v) ** 2
+    return np.asarray(np.exp(-0.5 * apart / length**2) * (1.0 + np.cos(psi[:, None] - chi)), dtype=np.float64)
 
 
 def moved(poses: Array) -> Array:
@@ -118,6 +188,12 @@ def means(table: Array, starts: Integers, edges: Integers) -> Array:
     at = np.clip(starts[:, None] + edges[None], 0, len(table))
     means = np.diff(until[at], axis=1) / np.maximum(np.diff(at, axis=1), 1)[:, :, None]
     return means.reshape(len(starts), means.shape[1] * means.shape[2])
+
+
+def powers(signal: Array) -> Array:
+    """(T, 4) of a signal (T,): it, its square, its cube and its size."""
+    a = signal / max(float(np.abs(signal).max(initial=0.0)), TINY)
+    return np.stack([a, a * a, a**3, np.abs(a)], axis=1)
 
 
 def cubes(pairs: Array) -> Array:

@@ -44,7 +44,8 @@ class Past:
     """(G,) for how many steps back it is known without a gap, at most PAST."""
     log_begin: Integers
     """(3,) the first instants with a command, before which that one is held, and with a command of a car that is seen; and
-    whether it stood at the first: then nothing drove it before."""
+    whether it stood at the first: then nothing drove it before (1). Where the log begins with such a command, that may have
+    been told for longer (2): whoever simulates a delay often has its first command in force from the start."""
 
     lag: int
     """Steps over which the forward speed is taken, by a line through their means."""
@@ -76,7 +77,8 @@ class Past:
         rested = known.any() and stood(time, pose, float(trial.command.time[0]))
         if rested:
             commands[:commanded, : 1 + turned] = 0.0  # where wheels of a car that stands point no speed tells
-        log_begin = np.array([commanded, max(commanded, int(np.argmax(known))), int(rested)])
+        older = rested and time[0] > trial.command.time[0] - SAME_INSTANT and bool(commands[commanded, 0])
+        log_begin = np.array([commanded, max(commanded, int(np.argmax(known))), int(rested) + int(older)])
         earliest = round((trial.start - begin) / step)
         return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, log_begin, lag, doubt, earliest)
 

@@ -50,6 +50,7 @@ from trueup.engines.vehicle.kernels import (
     X,
     Y,
     ahead_or_back,
+    clearly,
     in_steady_curve,
     resistance,
     share_of,
@@ -227,11 +228,12 @@ def under_commands(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def over_the_past(
-    p: Array, dt: float, commands: Array, seen: Array, first: int, k0: int, compared: int, lag: int, shares: Array,
-    moments: Array, s: Array,
+    p: Array, dt: float, commands: Array, seen: Array, first: int, k0: int, compared: int, lag: int, older: bool,
+    doubt: float, shares: Array, moments: Array, s: Array,
 ) -> tuple[float, float]:  # fmt: skip
     """The model from grid instant `first` to k0, beside the car from `compared` on: `moments` of their speeds (see
     `compare_speed`), by how much more the car turned (see `more_bent`), and for how long that was seen, in s.
+    Of commands that may be `older` than the log the speed tells once it is seen, with a standard deviation `doubt` (m/s).
     """
     bent, seconds, share, ring, sums = 0.0, 0.0, share_of(LASTS / 3.0, dt), np.zeros(lag), np.zeros(2)
     for k in range(first, k0):
@@ -239,6 +241,10 @@ def over_the_past(
         speed = s[SPEED]
         step_chassis(p, dt, s)
         speed = as_tracked(k, 0.5 * (speed + s[SPEED]), ring, sums)
+        if older and k + 1 == first + lag:  # told for longer, it was under way when the log began
+            more = clearly(forward_speed(p, seen[k + 1]) - speed, doubt)
+            s[SPEED], speed, ring, sums[0] = s[SPEED] + more, speed + more, ring + more, sums[0] + lag * more
+            sums[1] += 0.5 * lag * (lag - 1.0) * more
         if k + 1 >= max(compared, first + lag):
             compare_speed(moments, dt, resistance(p, s), forward_speed(p, seen[k + 1]) - speed)
         if k + 1 >= compared:
@@ -252,15 +258,15 @@ def over_the_past(
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin(
     p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, lag: int, log_begin: Integers,
-    shares: Array, s: Array,
+    doubt: float, shares: Array, s: Array,
 ) -> None:  # fmt: skip
     """The state at grid instant k0 from what was commanded and seen until then.
 
-    seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
-    much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
-    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before, or what the log
-    holds of them (see `under_commands`). Where no past is seen, tyres that slip are where these commands have brought them
-    from a steady curve.
+    seen (G, 5) x, y, heading, forward speed of the tracked point (its standard deviation is `doubt`), yaw rate. The model is
+    run over the last `past` steps: how much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the
+    speed now: with less noise than the last samples, but later), and how much more it turned tells TRIM. `settle` steps of
+    commands come before, or what the log holds of them (see `under_commands`). Where no past is seen, tyres that slip are
+    where these commands have brought them from a steady curve.
     """
     first, turned = k0 - past, False
     rested = log_begin[2] > 0 and first <= log_begin[1]
@@ -278,8 +284,8 @@ def begin(
         s[ANGLE] = steered(p, s[WHEEL])
     if past > 0 and not rested:
         s[SPEED], s[TURNING] = forward_speed(p, seen[first]), seen[first, 4]
-    compared = log_begin[1] if rested else first
-    bent, driven = over_the_past(p, dt, commands, seen, first, k0, compared, lag, shares, moments, s)
+    compared, older = log_begin[1] if rested else first, rested and log_begin[2] > 1
+    bent, driven = over_the_past(p, dt, commands, seen, first, k0, compared, lag, older, doubt, shares, moments, s)
     # A car that stands shows nothing, nor does one whose speed takes longer to see than the past lasts (a fix a second).
     if driven > max(LASTS / 2.0, past * dt / 2.0) and moments[0] > 0.0:
         forward = beyond_model(p, moments, bent, forward, s)

@@ -11,6 +11,7 @@ import math
 
 from trueup.arrays import Array
 from trueup.compiled import njit
+from trueup.evidence import STANDARD_ERRORS
 from trueup.rounding import ROUNDED
 
 COLUMNS = (
@@ -262,6 +263,14 @@ def pull(p: Array, s: Array) -> float:
         )
     losses = p[FRICTION] + (p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature) * s[SPEED]
     return motor_push(p, s[MOTOR], s[SPEED]) - losses
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clearly(size: float, doubt: float) -> float:
+    """A measured size, nothing where noise explains it, all of it where it is large (the non-negative garrote: L. Breiman,
+    Technometrics 37(4), 1995).
+    """
+    return size * max(1.0 - (STANDARD_ERRORS * doubt) ** 2 / (size * size), 0.0) if size != 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

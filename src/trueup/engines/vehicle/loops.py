@@ -85,7 +85,7 @@ def read_off(
 @njit(cache=True, nogil=True, error_model="numpy")
 def replay_rows(
     rows: Array, dt: float, commands: Array, seen: Array, starts: Integers, pasts: Integers, settle: int, lag: int,
-    log_begin: Integers, faster: float, first: Integers, times: Array, out: Array,
+    log_begin: Integers, doubt: float, faster: float, first: Integers, times: Array, out: Array,
 ) -> None:  # fmt: skip
     """Open loop for all rows (b, n): stretch j begins at grid instant starts[j], is read at times[first[j]:first[j+1]].
 
@@ -105,7 +105,7 @@ def replay_rows(
         for j in range(len(starts)):
             if first[j] == first[j + 1]:
                 continue
-            begin(p, dt, commands, seen, starts[j], pasts[j], settle, lag, log_begin, shares, s)
+            begin(p, dt, commands, seen, starts[j], pasts[j], settle, lag, log_begin, doubt, shares, s)
             s[SPEED] += faster
             keep(p, s, history[0])
             steps = math.ceil(times[first[j + 1] - 1] / dt - SAME_INSTANT)

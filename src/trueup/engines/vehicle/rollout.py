@@ -195,7 +195,16 @@ class VehicleSimulator:
     ) -> Array:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
         out = np.empty((len(rows), len(since), READ))
-        known = past.commands, past.seen, starts, past.lengths[starts], past.settle, past.lag, past.log_begin
+        known = (
+            past.commands,
+            past.seen,
+            starts,
+            past.lengths[starts],
+            past.settle,
+            past.lag,
+            past.log_begin,
+            past.doubt[3],
+        )
         how = past.step, *known, faster, first, since
         in_threads(lambda i: replay_rows(rows[i], *how, out[i]), len(rows), self._threads or cores(), timed=True)
         return out
