@@ -48,7 +48,13 @@ class Choice:
 
     def beats(self, other: Choice) -> bool:
         """Whether it predicts left-out blocks clearly better than another model."""
-        return self.errors is not None and other.errors is not None and clearly_smaller(self.errors, other.errors)
+        return self.against(other).holds
+
+    def against(self, other: Choice) -> Evidence:
+        """What left-out blocks say for it against another model; nothing before both are evaluated."""
+        if self.errors is None or other.errors is None:
+            return Evidence(0.0, float("inf"))
+        return compared(self.errors, other.errors)
 
 
 def clearly_smaller(new: Array, old: Array) -> bool:

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the base stands as the model file has it: a turn of gravity, asked of the torque beside all that explains it.
+
+The torque of links is linear in gravity. Its slope with respect to a small turn of the base, at the estimate, is one column
+for each axis of it; what these columns add to a model that was chosen without them is a score test (C. R. Rao, "Large
+sample tests of statistical hypotheses", 1948), judged here as all structure is: on blocks of time that the fit did not see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trueup.arrays import Array, Integers
+from trueup.evidence import Evidence, half_interval, jackknife, without_each
+from trueup.identification.estimation.modelled import Modelled, fitted_blocks
+from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, solve
+from trueup.identification.estimation.motion import Motion, Piece
+from trueup.identification.estimation.pool import Pool
+from trueup.identification.estimation.selection import Choice, compared, cross_validated
+from trueup.identification.kinematic_tree import KinematicTree, exponential
+from trueup.identification.regressors import inverse_dynamics, regressor
+from trueup.identification.rows import Rows
+from trueup.inspection.diagnosis import Diagnosis
+from trueup.rounding import PRINTED, TINY
+
+NAME = "lean"
+"""By which it may be refused."""
+_TOLD = 0.2
+"""rad: a turn that is known no better than this is not known; slopes hold no further either."""
+_SLIGHT = 1e-2
+"""Of the largest column: what is less comes from angles in a file that are rounded."""
+_STEP = 1e-4
+"""rad (m) by which a joint is moved for the slope of torque in its zero."""
+_TURNS = 3
+"""In which slopes are taken again where gravity then points; two are enough for 10 deg."""
+_POSES = 100
+"""At which columns are looked at to see which are there at all."""
+
+Cut = Callable[[Sequence[Piece]], list[Rows]]
+"""Pieces to the blocks of time that are left out in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lean:
+    """How far the base is turned from how the tree has it, and what left-out blocks say of that."""
+
+    turn: Array
+    """(3,) rad in the base frame: the base leans by it."""
+    covariance: Array
+    """(3, 3)."""
+    parts: int
+    """Blocks that it is known from."""
+    alone: Evidence
+    """Of the turn, beside the model that was chosen without it."""
+    beside_zeros: Evidence
+    """The same where the zeros of all joints may be others, too."""
+    zeros: Evidence
+    """Of other zeros in its place."""
+
+    def applied(self, tree: KinematicTree) -> KinematicTree:
+        """The tree on a base that leans so."""
+        return tree.replace(gravity=exponential(-self.turn) @ tree.gravity)
+
+    def deviation(self, about: Array) -> float:
+        """Standard deviation of the turn about a unit vector (3,), rad."""
+        return float(np.sqrt(about @ self.covariance @ about))
+
+    @property
+    def there(self) -> bool:
+        """Whether it is more than what chance makes of none."""
+        size = float(np.linalg.norm(self.turn))
+        return size > self.deviation(self.turn / max(size, TINY))
+
+
+def as_it_leans(
+    tree: KinematicTree, modelled: Callable[[KinematicTree], Modelled], margin: float, refuse: Collection[str]
+) -> tuple[KinematicTree, list[str]]:
+    """The tree on its base as it leans where the model of torque predicts left-out blocks clearly better so, and a note.
+
+    Where other zeros of joints explain the same, neither is taken: both are named.
+    """
+    level = modelled(tree)
+    lean = _beside(level, margin)
+    if lean is None or not lean.alone.holds or (lean.zeros.holds and not lean.beside_zeros.holds):
+        return tree, []
+    leant, last = lean.applied(tree), lean
+    for _ in range(_TURNS):
+        rest = _beside(modelled(leant), margin)
+        if rest is None or not rest.there:
+            break
+        leant, last = rest.applied(leant), rest
+    evidence = modelled(leant)[-1][-1].against(level[-1][-1])
+    if not evidence.holds:
+        return tree, []
+    found = Diagnosis(NAME, *_in_words(tree, leant, last, evidence, sure=lean.beside_zeros.holds))
+    found = found.unless(refuse)
+    return (leant if lean.beside_zeros.holds and not found.refused else tree), [str(found)]
+
+
+def _in_words(
+    tree: KinematicTree, leant: KinematicTree, last: Lean, evidence: Evidence, *, sure: bool
+) -> tuple[str, str]:
+    """What is seen of a base that leans, and what is done about it."""
+    before, now = (t.gravity / np.linalg.norm(t.gravity) for t in (tree, leant))
+    across = np.cross(now, before)
+    angle = float(np.arctan2(np.linalg.norm(across), now @ before))
+    wide = half_interval(last.parts) * last.deviation(across / max(float(np.linalg.norm(across)), TINY))
+    low, high = (float(np.degrees(max(angle + sign * wide, 0.0))) for sign in (-1.0, 1.0))
+    downhill = now - (now @ before) * before
+    x, y, z = (f"{c + 0.0:.2f}" for c in downhill / max(float(np.linalg.norm(downhill)), TINY))
+    gravity = " ".join(f"{float(g) + 0.0:.4g}" for g in leant.gravity)
+    how = (
+        f"leans {np.degrees(angle):.2g} deg [{low:.2g}, {high:.2g}] from how the model has it, down towards ({x}, {y}, {z}) "
+        f"of its frame (errors on stretches that were left out are {evidence.in_words()})"
+    )
+    if not sure:
+        return (
+            f"either the base {how}, or joints have other zeros than the model: these logs do not tell which. Look at both: "
+            f"--gravity {gravity} is for a base that leans, offset in a drives file for a joint's zero"
+        ), ""
+    return f"the base {how}", (
+        f"it was identified with --gravity {gravity}. Say with --gravity what is measured, or keep what the model says with "
+        f"--refuse {NAME}"
+    )
+
+
+def _beside(modelled: Modelled, margin: float) -> Lean | None:
+    pool, _, _, (pieces, _, _, choice) = modelled
+    return leaning(pool, pieces, lambda made: fitted_blocks(made, margin), choice)
+
+
+def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice) -> Lean | None:
+    """The lean of the base beside a model that was chosen; None where no motion tells one, or nothing weighs.
+
+    Three kinds of columns are added: the slopes of torque with respect to the base's turn about two axes across gravity; the
+    moments of links that level ground hides (of what turns about a vertical axis), each of which may as well be something
+    that comes again with a turn of its joint, and so stands in the model without a lean too; the zeros of joints.
+    """
+    tree, active = pool.model.tree, np.flatnonzero(choice.active)
+    if not np.linalg.norm(tree.gravity) > 0.0:
+        return None
+    axes = np.linalg.svd(tree.gravity[None])[2][1:]
+    fitted = [p for p in pieces if not p.held_out]
+    links = _links(pool, moments_of(cut(fitted)), choice)
+    hidden = _hidden(pool, axes, fitted)
+
+    def further(motion: Motion) -> Array:
+        slopes = [_slopes(tree, each, axes, motion) for each in (*hidden, links)]
+        return np.concatenate([*slopes[:-1], _zeros(tree, links, motion), slopes[-1]], axis=2)
+
+    moments = moments_of(cut(_with_columns(fitted, active, further)))
+    last = len(moments.scale)
+    level, zeros = np.arange(last - 2 - tree.n), np.arange(last - 2 - tree.n, last - 2)
+    told = _told(moments, choice, level)
+    if told is None:
+        return None
+    masks = [level, np.append(level, zeros)]
+    masks += [np.append(each, told.columns) for each in masks]
+    plain, other, alone, both = _errors(told.moments, choice, masks)
+    return Lean(
+        told.along @ axes, axes.T @ told.covariance @ axes, len(moments.count), compared(alone, plain), compared(both, other),
+        compared(other, alone),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What is told of a turn about two axes: moments whose last two columns are of axes so chosen that they err apart."""
+
+    moments: Moments
+    columns: Integers
+    """Of the last two, those that are told."""
+    along: Array
+    """(2,) rad about the axes that were asked for."""
+    covariance: Array
+
+
+def _told(moments: Moments, choice: Choice, beside: Integers) -> _Told | None:
+    """The directions of a turn, of which the last two columns are, that are known to better than `_TOLD`."""
+    last = len(moments.scale) - 2 + np.arange(2)
+    each = _without_each(moments, choice, np.append(beside, last))[:, -2:]
+    deviations = (each - each.mean(axis=0)) * np.sqrt((len(each) - 1) / len(each))
+    sizes, across = np.linalg.eigh(deviations.T @ deviations)
+    sure = half_interval(len(each)) * np.sqrt(sizes) < _TOLD
+    if not sure.any():
+        return None
+    turned, across = _turned(moments, last, across), across[:, sure]
+    used = np.append(beside, last[sure])
+    known = across.shape[1]
+    one = _solved(turned, choice, used)[-known:]
+    errors = jackknife(_without_each(turned, choice, used)[:, -known:])
+    return _Told(turned, last[sure], across @ one, (across * errors**2) @ across.T)
+
+
+def _turned(moments: Moments, turns: Integers, across: Array) -> Moments:
+    """Moments with two columns replaced by combinations of them, (2, 2) `across`."""
+    p = len(moments.scale)
+    T = np.eye(p)
+    # Columns are scaled; those that are combined as they are, in rad.
+    T[np.ix_(turns, turns)] = moments.scale[turns, None] * across
+    gram, cross = T.T @ moments.gram @ T, moments.cross @ T
+    scale = moments.scale.copy()
+    scale[turns] = 1.0
+    return replace(moments, gram=gram, cross=cross, scale=scale)
+
+
+def _errors(moments: Moments, choice: Choice, columns: Sequence[Integers]) -> list[Array]:
+    """(K, n) squared errors of blocks that were left out, of the model with each of these sets of columns."""
+    every = np.arange(len(moments.scale))
+    choices = [replace(choice, active=np.isin(every, c), strength=RIDGE) for c in columns]
+    made = cross_validated(moments, np.zeros(len(every)), *choices)
+    return [c.errors for c in made if c.errors is not None]
+
+
+def _without_each(moments: Moments, choice: Choice, columns: Integers) -> Array:
+    """(K, c) parameters of a fit without one block each."""
+    part = moments.only(columns)
+    gram, cross = (without_each(x) for x in part.weighted(choice.weights))
+    return np.array([part.parameters(x) for x in solve(gram, cross, np.zeros(len(columns)))])
+
+
+def _solved(moments: Moments, choice: Choice, columns: Integers) -> Array:
+    """(c,) parameters of a fit of some columns."""
+    part = moments.only(columns)
+    gram, cross = (x.sum(axis=0) for x in part.weighted(choice.weights))
+    return part.parameters(solve(gram, cross, np.zeros(len(columns))))
+
+
+def _links(pool: Pool, moments: Moments, choice: Choice) -> Array:
+    """(n, 10) links of the model that was chosen; combinations, not bodies."""
+    parameters = np.zeros(pool.model.p)
+    active = np.flatnonzero(choice.active)
+    parameters[active] = _solved(moments, choice, active)
+    return parameters[: 10 * pool.model.tree.n].reshape(-1, 10)
+
+
+def _slopes(tree: KinematicTree, links: Array, axes: Array, motion: Motion) -> Array:
+    """(S, n, 2) torque for a turn of the base about each of two axes by a unit angle, of links (n, 10)."""
+    still = np.zeros_like(motion.q)
+    turned = (tree.replace(gravity=np.cross(-axis, tree.gravity)) for axis in axes)
+    return np.stack([inverse_dynamics(t, links, motion.q, still, still) for t in turned], axis=-1)
+
+
+def _zeros(tree: KinematicTree, links: Array, motion: Motion) -> Array:
+    """(S, n, n) torque for another zero of each joint, of links (n, 10)."""
+    made = []
+    for j in range(tree.n):
+        step = _STEP * (np.arange(tree.n) == j)
+        ahead, behind = (inverse_dynamics(tree, links, motion.q + s, motion.v, motion.a) for s in (step, -step))
+        made.append((ahead - behind) / (2.0 * _STEP))
+    return np.stack(made, axis=-1)
+
+
+def _hidden(pool: Pool, axes: Array, pieces: Sequence[Piece]) -> list[Array]:
+    """(n, 10) combinations of links of which torque shows nothing, until the base leans."""
+    tree, base, n = pool.model.tree, pool.base, pool.model.tree.n
+    links = np.arange(10 * n)
+    gone = np.setdiff1d(links, base.independent)
+    null = np.zeros((10 * n, len(gone)))
+    null[gone, np.arange(len(gone))] = 1.0
+    inside = base.independent < 10 * n
+    null[base.independent[inside]] -= base.grouping[np.ix_(inside, gone)]
+    q = np.concatenate([p.motion.q for p in pieces])
+    q = q[:: max(1, len(q) // _POSES)]
+    still, stacked, size = np.zeros_like(q), [], 0.0
+    for axis in axes:
+        Y = regressor(tree.replace(gravity=np.cross(-axis, tree.gravity)), q, still, still).reshape(-1, 10 * n)
+        stacked.append(Y @ null)
+        size += float(np.linalg.norm(Y))
+    _, strengths, combined = np.linalg.svd(np.concatenate(stacked), full_matrices=False)
+    there = strengths > max(_SLIGHT * strengths[0], PRINTED * size) if len(strengths) else np.zeros(0, dtype=bool)
+    return [(null @ c).reshape(n, 10) for c in combined[there]]
+
+
+def _with_columns(pieces: Sequence[Piece], active: Integers, further: Callable[[Motion], Array]) -> list[Piece]:
+    """Pieces with the columns `active` alone, and `further` ones (S, n, c) behind them."""
+    made, known = list[Piece](), dict[int, Array]()
+    for p in pieces:
+        if id(p.whole) not in known:
+            known[id(p.whole)] = p.passed(further(p.whole))
+        more, columns, values = np.moveaxis(known[id(p.whole)][p.keep], 0, -1), list[Integers](), list[Array]()
+        behind = len(active) + np.arange(more.shape[1])
+        for c, v, own in zip(p.rows.columns, p.rows.values, more, strict=True):
+            kept = np.isin(c, active)
+            columns.append(np.append(np.searchsorted(active, c[kept]), behind))
+            values.append(np.concatenate([v[kept], own]))
+        shrink = np.append(np.broadcast_to(p.rows.shrink, p.rows.p)[active], np.zeros(len(behind)))
+        rows = replace(p.rows, columns=tuple(columns), values=tuple(values), p=len(shrink), shrink=shrink)
+        made.append(replace(p, rows=rows))
+    return made
