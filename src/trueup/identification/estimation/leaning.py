@@ -19,26 +19,20 @@ from trueup.identification.estimation.modelled import Modelled, fitted_blocks
 from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, solve
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.pool import Pool
+from trueup.identification.estimation.quick import FURTHEST
 from trueup.identification.estimation.selection import Choice, compared, cross_validated
 from trueup.identification.kinematic_tree import KinematicTree, exponential
-from trueup.identification.regressors import inverse_dynamics, regressor
+from trueup.identification.regressors import inverse_dynamics
 from trueup.identification.rows import Rows
 from trueup.inspection.diagnosis import Diagnosis
-from trueup.rounding import PRINTED, TINY
+from trueup.rounding import TINY
 
 NAME = "lean"
 """By which it may be refused."""
-_TOLD = 0.2
-"""rad: a turn that is known no better than this is not known; slopes hold no further either."""
-_SLIGHT = 1e-2
-"""Of the largest column: what is less comes from angles in a file that are rounded."""
 _STEP = 1e-4
 """rad (m) by which a joint is moved for the slope of torque in its zero."""
 _TURNS = 3
 """In which slopes are taken again where gravity then points; two are enough for 10 deg."""
-_POSES = 100
-"""At which columns are looked at to see which are there at all."""
-
 Cut = Callable[[Sequence[Piece]], list[Rows]]
 """Pieces to the blocks of time that are left out in turn."""
 
@@ -88,7 +82,7 @@ def as_it_leans(
         return tree, []
     leant, last = lean.applied(tree), lean
     for _ in range(_TURNS):
-        rest = _beside(modelled(leant), margin)
+        rest = _beside(modelled(leant), margin, leans=True)
         if rest is None or not rest.there:
             break
         leant, last = rest.applied(leant), rest
@@ -113,7 +107,7 @@ def _in_words(
     x, y, z = (f"{c + 0.0:.2f}" for c in downhill / max(float(np.linalg.norm(downhill)), TINY))
     gravity = " ".join(f"{float(g) + 0.0:.4g}" for g in leant.gravity)
     how = (
-        f"leans {np.degrees(angle):.2g} deg [{low:.2g}, {high:.2g}] from how the model has it, down towards ({x}, {y}, {z}) "
+        f"leans {np.degrees(angle):.3g} deg [{low:.3g}, {high:.3g}] from how the model has it, down towards ({x}, {y}, {z}) "
         f"of its frame (errors on stretches that were left out are {evidence.in_words()})"
     )
     if not sure:
@@ -127,17 +121,19 @@ def _in_words(
     )
 
 
-def _beside(modelled: Modelled, margin: float) -> Lean | None:
+def _beside(modelled: Modelled, margin: float, *, leans: bool = False) -> Lean | None:
     pool, _, _, (pieces, _, _, choice) = modelled
-    return leaning(pool, pieces, lambda made: fitted_blocks(made, margin), choice)
+    return leaning(pool, pieces, lambda made: fitted_blocks(made, margin), choice, leans=leans)
 
 
-def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice) -> Lean | None:
+def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice, *, leans: bool = False) -> Lean | None:
     """The lean of the base beside a model that was chosen; None where no motion tells one, or nothing weighs.
 
     Three kinds of columns are added: the slopes of torque with respect to the base's turn about two axes across gravity; the
-    moments of links that level ground hides (of what turns about a vertical axis), each of which may as well be something
-    that comes again with a turn of its joint, and so stands in the model without a lean too; the zeros of joints.
+    zeros of joints; and torque that comes again with each turn of a joint, in the model without a lean too. What turns about
+    a vertical axis has moments that show only where that leans, in its own torque, and so cannot be told from cables,
+    sensors and gears that do the same: a lean must show in how the others' weight moves. Once it does (`leans`) it is
+    estimated beside other zeros in the place of these, which would hide much of what joints carry.
     """
     tree, active = pool.model.tree, np.flatnonzero(choice.active)
     if not np.linalg.norm(tree.gravity) > 0.0:
@@ -145,16 +141,16 @@ def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice) -> Le
     axes = np.linalg.svd(tree.gravity[None])[2][1:]
     fitted = [p for p in pieces if not p.held_out]
     links = _links(pool, moments_of(cut(fitted)), choice)
-    hidden = _hidden(pool, axes, fitted)
 
     def further(motion: Motion) -> Array:
-        slopes = [_slopes(tree, each, axes, motion) for each in (*hidden, links)]
-        return np.concatenate([*slopes[:-1], _zeros(tree, links, motion), slopes[-1]], axis=2)
+        made = _ripples(tree, motion), _zeros(tree, links, motion), _slopes(tree, links, axes, motion)
+        return np.concatenate(made, axis=2)
 
     moments = moments_of(cut(_with_columns(fitted, active, further)))
     last = len(moments.scale)
     level, zeros = np.arange(last - 2 - tree.n), np.arange(last - 2 - tree.n, last - 2)
-    told = _told(moments, choice, level)
+    own = np.arange(np.count_nonzero(choice.active))
+    told = _told(moments, choice, np.append(own, zeros) if leans else level)
     if told is None:
         return None
     masks = [level, np.append(level, zeros)]
@@ -179,20 +175,21 @@ class _Told:
 
 
 def _told(moments: Moments, choice: Choice, beside: Integers) -> _Told | None:
-    """The directions of a turn, of which the last two columns are, that are known to better than `_TOLD`."""
+    """The directions of a turn, of which the last two columns are, that are known to better than `FURTHEST`."""
     last = len(moments.scale) - 2 + np.arange(2)
     each = _without_each(moments, choice, np.append(beside, last))[:, -2:]
     deviations = (each - each.mean(axis=0)) * np.sqrt((len(each) - 1) / len(each))
     sizes, across = np.linalg.eigh(deviations.T @ deviations)
-    sure = half_interval(len(each)) * np.sqrt(sizes) < _TOLD
+    sure = half_interval(len(each)) * np.sqrt(sizes) < FURTHEST
     if not sure.any():
         return None
-    turned, across = _turned(moments, last, across), across[:, sure]
+    turned, known = _turned(moments, last, across), int(sure.sum())
     used = np.append(beside, last[sure])
-    known = across.shape[1]
-    one = _solved(turned, choice, used)[-known:]
-    errors = jackknife(_without_each(turned, choice, used)[:, -known:])
-    return _Told(turned, last[sure], across @ one, (across * errors**2) @ across.T)
+    along = np.zeros(2)
+    along[sure] = _solved(turned, choice, used)[-known:]
+    errors = np.full(2, FURTHEST)
+    errors[sure] = jackknife(_without_each(turned, choice, used)[:, -known:])
+    return _Told(turned, last[sure], across @ along, (across * errors**2) @ across.T)
 
 
 def _turned(moments: Moments, turns: Integers, across: Array) -> Moments:
@@ -254,25 +251,14 @@ def _zeros(tree: KinematicTree, links: Array, motion: Motion) -> Array:
     return np.stack(made, axis=-1)
 
 
-def _hidden(pool: Pool, axes: Array, pieces: Sequence[Piece]) -> list[Array]:
-    """(n, 10) combinations of links of which torque shows nothing, until the base leans."""
-    tree, base, n = pool.model.tree, pool.base, pool.model.tree.n
-    links = np.arange(10 * n)
-    gone = np.setdiff1d(links, base.independent)
-    null = np.zeros((10 * n, len(gone)))
-    null[gone, np.arange(len(gone))] = 1.0
-    inside = base.independent < 10 * n
-    null[base.independent[inside]] -= base.grouping[np.ix_(inside, gone)]
-    q = np.concatenate([p.motion.q for p in pieces])
-    q = q[:: max(1, len(q) // _POSES)]
-    still, stacked, size = np.zeros_like(q), [], 0.0
-    for axis in axes:
-        Y = regressor(tree.replace(gravity=np.cross(-axis, tree.gravity)), q, still, still).reshape(-1, 10 * n)
-        stacked.append(Y @ null)
-        size += float(np.linalg.norm(Y))
-    _, strengths, combined = np.linalg.svd(np.concatenate(stacked), full_matrices=False)
-    there = strengths > max(_SLIGHT * strengths[0], PRINTED * size) if len(strengths) else np.zeros(0, dtype=bool)
-    return [(null @ c).reshape(n, 10) for c in combined[there]]
+def _ripples(tree: KinematicTree, motion: Motion) -> Array:
+    """(S, n, 2 r) torque of each of r hinges that comes again with a turn of its own."""
+    made = [
+        wave(motion.q[:, j, None]) * (np.arange(tree.n) == j)
+        for j in np.flatnonzero(~tree.prismatic)
+        for wave in (np.cos, np.sin)
+    ]
+    return np.stack(made, axis=-1) if made else np.zeros((*motion.q.shape, 0))
 
 
 def _with_columns(pieces: Sequence[Piece], active: Integers, further: Callable[[Motion], Array]) -> list[Piece]:

@@ -44,6 +44,8 @@ _CUTS = (1, FEWEST_PARTS, TIME_BLOCKS)
 """Parts of a log in which a mistake is looked for: all, as few as evidence allows, as many as structures are asked in."""
 _TILTS = (0.4, 0.1, 0.03)
 """rad: steps in which the direction of gravity is sought."""
+FURTHEST = 0.2
+"""rad: how far slopes hold. A turn that is known no better is not known; one that is larger is another mounting."""
 _SMALL, _SURELY = 0.02, 0.5
 """Of a joint's torque, below which friction is not looked at; correlation with speed that is certain."""
 
@@ -84,7 +86,7 @@ def doubts(
     every = [(logs[k].name, s) for k, s in found.items()]
     if relative >= DOUBTFUL and not any(s.certain for _, s in every):
         tried = mistakes(motions[first], tree, fits[first]), _hanging(motions[first], tree, drives, slow)
-        every += [(logs[first].name, s) for s in tried if s.likely]
+        every += [(logs[first].name, s) for s in tried if s is not None and s.likely]
     if certain := [f"recording '{name}': {s}" for name, s in every if s.certain]:
         raise IdentificationError(f"{'; '.join(grouped(certain))}. Correct that and identify again")
     notes = grouped(
@@ -180,8 +182,11 @@ def rough_error(tree: KinematicTree, recording: Recording, channels: dict[str, C
         return np.inf
 
 
-def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float) -> Suspicion:
-    """The direction of gravity that the torque fits best: of an arm on a wall, a ceiling, a slope; none is one, too."""
+def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float) -> Suspicion | None:
+    """The direction of gravity that the torque fits best: of an arm on a wall, a ceiling, a slope; none is one, too.
+
+    None where it is so near to the file's that `leaning` finds it.
+    """
     size = float(np.linalg.norm(tree.gravity)) or GRAVITY
 
     def error(gravity: Array) -> float:
@@ -209,6 +214,8 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float)
     if error(np.zeros(3)) < min(best, HALVED * relative):
         said = "the torque seems to hold no gravity, as where a controller takes it out: identify with --gravity 0 0 0"
         return suspected(np.zeros(3), said)
+    if gravity @ tree.gravity > np.cos(FURTHEST) * size**2:
+        return None
     x, y, z = (round(float(g), 2) + 0.0 for g in gravity)
     said = f"the arm seems to be mounted otherwise than the model file says: try --gravity {x:g} {y:g} {z:g}, or near"
     return suspected(gravity, said)
