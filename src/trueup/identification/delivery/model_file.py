@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import mujoco
 
 
+_UPRIGHT = 0.05
+"""m/s^2: gravity differs by as much between places, and files round it."""
 _TENSOR = tuple(name.casefold() for name in NAMES if name.startswith("I"))
 """Attributes of <inertia>, in the order of the ten numbers."""
 
@@ -41,7 +43,19 @@ def write_model_file(
     if fit is None:
         raise ModelError("bodies that cannot exist are not written: identify with physically consistent links")
     source, path = Path(model), Path(target)
-    return _write_urdf(fit, tree, source, path) if is_urdf(source) else _write_mjcf(fit, tree, source, path)
+    write = _write_urdf if is_urdf(source) else _write_mjcf
+    return (*write(fit, tree, source, path), *_mounted(tree, path))
+
+
+def _mounted(tree: KinematicTree, path: Path) -> tuple[str, ...]:
+    """What to say where a file that was written stands otherwise than the arm that was identified."""
+    if np.allclose(own := load_tree(path).gravity, tree.gravity, rtol=0.0, atol=_UPRIGHT):
+        return ()
+    there, here = (" ".join(f"{float(g) + 0.0:.4g}" for g in each) for each in (tree.gravity, own))
+    said = (
+        f"its bodies were identified with gravity {there}, and it is read with {here}: turn the base, or gravity, there"
+    )
+    return (said,)
 
 
 def read_back(path: str | Path, tree: KinematicTree) -> KinematicTree:

@@ -29,9 +29,9 @@ from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.leaning import NAME as LEAN
 from trueup.identification.estimation.leaning import as_it_leans
 from trueup.identification.estimation.matching import matched
-from trueup.identification.estimation.modelled import fitted_blocks, fitted_rows, left_out, prepare
+from trueup.identification.estimation.modelled import Prepared, fitted_blocks, fitted_rows, left_out, prepare
 from trueup.identification.estimation.moments import Moments, moments_of
-from trueup.identification.estimation.motion import Log, Piece, log_of
+from trueup.identification.estimation.motion import Log, Motion, Piece, log_of
 from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pool import (
     STRUCTURES,
@@ -103,12 +103,7 @@ def identify(
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors")
     motions, others = ([log.motion(cutoff, measured_speed=measured) for log in group] for group in (logs, judged))
-    # What scales measured torque compensates something else: a pull towards the file, or friction of another form.
-    scaled = wanted.gains or not all(log.measured for log in logs)
-    prepared = cache(partial(
-        prepare, motions=motions, judged=others, rate=logs[0].rate, cutoff=cutoff, scaled=scaled, align=wanted.align,
-        hold_out=wanted.hold_out, structure=wanted.structure,
-    ))  # fmt: skip
+    prepared = _preparing(logs, motions, others, cutoff, wanted)
     model = cache(lambda tree, drives: prepared(tree, drives).model())
     coupling = coupled(motions, tree, gears, cutoff, wanted.hold_out)
     say("comparing clocks")
@@ -130,6 +125,18 @@ def identify(
         nominal=nominal, units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng,
         started=started,
     )  # fmt: skip
+
+
+def _preparing(
+    logs: Sequence[Log], motions: Sequence[Motion], judged: Sequence[Motion], cutoff: float, wanted: Options
+) -> Callable[[KinematicTree, Drives], Prepared]:
+    """What prepares motions for a tree and drives, once for each."""
+    # What scales measured torque compensates something else: a pull towards the file, or friction of another form.
+    scaled = wanted.gains or not all(log.measured for log in logs)
+    return cache(partial(
+        prepare, motions=motions, judged=judged, rate=logs[0].rate, cutoff=cutoff, scaled=scaled, align=wanted.align,
+        hold_out=wanted.hold_out, structure=wanted.structure,
+    ))  # fmt: skip
 
 
 def _minded(logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree) -> list[str]:
