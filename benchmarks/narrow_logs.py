@@ -34,6 +34,7 @@ from trueup.excitation.periodic import Fourier, Sines
 from trueup.excitation.trajectories import Trajectory
 from trueup.formats import read
 from trueup.identification.estimation import identify as module
+from trueup.identification.estimation import modelled
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
@@ -172,7 +173,7 @@ def main() -> None:
         for case in cases:
             try:
                 ours, plain = (case.error(o) for o in (case.options, replace(case.options, structure="common")))
-                with patch.object(module, "kinds_of", _blocks):
+                with patch.object(module, "kinds_of", _blocks), patch.object(modelled, "kinds_of", _blocks):
                     blocks = case.error(case.options)
             except IdentificationError as error:
                 refused += 1

@@ -86,7 +86,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="the torque that is fitted, where a log holds several (measured, commanded, computed): a "
                              "channel or columns, as the message lists them")  # fmt: skip
     parser.add_argument("--refuse", nargs="+", action="extend", default=[], metavar="NAME",
-                        help="disturbed: stretches in which something acted on the arm are not left out")  # fmt: skip
+                        help="disturbed: stretches in which something acted on the arm are not left out; lean: the base "
+                             "stands as the model says, though torque says that it leans")  # fmt: skip
     parser.add_argument("--no-consistent", dest="consistent", action="store_false",
                         help="no physically possible bodies, and so no model file")  # fmt: skip
 
