@@ -74,7 +74,8 @@ def as_it_leans(
 ) -> tuple[KinematicTree, list[str]]:
     """The tree on its base as it leans where the model of torque predicts left-out blocks clearly better so, and a note.
 
-    Where other zeros of joints explain the same, neither is taken: both are named.
+    Where other zeros of joints explain the same, both are named and neither is taken, unless it is one in torque, as where
+    the base turns about the axis of the first joint.
     """
     level = modelled(tree)
     lean = _beside(level, margin)
@@ -89,15 +90,30 @@ def as_it_leans(
     evidence = modelled(leant)[-1][-1].against(level[-1][-1])
     if not evidence.holds:
         return tree, []
-    found = Diagnosis(NAME, *_in_words(tree, leant, last, evidence, sure=lean.beside_zeros.holds))
-    found = found.unless(refuse)
-    return (leant if lean.beside_zeros.holds and not found.refused else tree), [str(found)]
+    sure = lean.beside_zeros.holds
+    first = "" if sure else _same_as_zero_of(tree, lean)
+    found = Diagnosis(NAME, *_in_words(tree, leant, last, evidence, first, sure=sure)).unless(refuse)
+    return (leant if (sure or first) and not found.refused else tree), [str(found)]
+
+
+def _same_as_zero_of(tree: KinematicTree, lean: Lean) -> str:
+    """The first joint of an arm, where another zero of it turns gravity as the base does; else ''."""
+    roots = np.flatnonzero(tree.parent < 0)
+    if len(roots) > 1 or tree.prismatic[0]:
+        return ""
+    down, axis = tree.gravity / np.linalg.norm(tree.gravity), tree.rotation[0] @ tree.axis[0]
+    own = axis - (axis @ down) * down
+    own = own / max(float(np.linalg.norm(own)), TINY)
+    rest = lean.turn - (lean.turn @ own) * own
+    size = float(np.linalg.norm(rest))
+    chance = half_interval(lean.parts) * lean.deviation(rest / max(size, TINY))
+    return tree.joints[0] if size < chance else ""
 
 
 def _in_words(
-    tree: KinematicTree, leant: KinematicTree, last: Lean, evidence: Evidence, *, sure: bool
+    tree: KinematicTree, leant: KinematicTree, last: Lean, evidence: Evidence, first: str, *, sure: bool
 ) -> tuple[str, str]:
-    """What is seen of a base that leans, and what is done about it."""
+    """What is seen of a base that leans, and what is done about it; `first` is a joint whose zero would do the same."""
     before, now = (t.gravity / np.linalg.norm(t.gravity) for t in (tree, leant))
     across = np.cross(now, before)
     angle = float(np.arctan2(np.linalg.norm(across), now @ before))
@@ -107,18 +123,21 @@ def _in_words(
     x, y, z = (f"{c + 0.0:.2f}" for c in downhill / max(float(np.linalg.norm(downhill)), TINY))
     gravity = " ".join(f"{float(g) + 0.0:.4g}" for g in leant.gravity)
     how = (
-        f"leans {np.degrees(angle):.3g} deg [{low:.3g}, {high:.3g}] from how the model has it, down towards ({x}, {y}, {z}) "
-        f"of its frame (errors on stretches that were left out are {evidence.in_words()})"
+        f"the base leans {np.degrees(angle):.3g} deg [{low:.3g}, {high:.3g}] from how the model has it, down towards "
+        f"({x}, {y}, {z}) of its frame (errors on stretches that were left out are {evidence.in_words()})"
     )
-    if not sure:
-        return (
-            f"either the base {how}, or joints have other zeros than the model: these logs do not tell which. Look at both: "
-            f"--gravity {gravity} is for a base that leans, offset in a drives file for a joint's zero"
-        ), ""
-    return f"the base {how}", (
+    taken = (
         f"it was identified with --gravity {gravity}. Say with --gravity what is measured, or keep what the model says with "
         f"--refuse {NAME}"
     )
+    if sure:
+        return how, taken
+    if first:
+        return f"either {how}, or {first} has another zero than the model, which makes the same torque", taken
+    return (
+        f"either {how}, or joints have other zeros than the model: these logs do not tell which. Look at both: --gravity "
+        f"{gravity} is for a base that leans, offset in a drives file for a joint's zero"
+    ), ""
 
 
 def _beside(modelled: Modelled, margin: float, *, leans: bool = False) -> Lean | None:
