@@ -51,7 +51,7 @@ def _mounted(tree: KinematicTree, path: Path) -> tuple[str, ...]:
     """What to say where a file that was written stands otherwise than the arm that was identified."""
     if np.allclose(own := load_tree(path).gravity, tree.gravity, rtol=0.0, atol=_UPRIGHT):
         return ()
-    there, here = (" ".join(f"{float(g) + 0.0:.4g}" for g in each) for each in (tree.gravity, own))
+    there, here = (" ".join(f"{round(float(g), 3) + 0.0:g}" for g in each) for each in (tree.gravity, own))
     said = (
         f"its bodies were identified with gravity {there}, and it is read with {here}: turn the base, or gravity, there"
     )

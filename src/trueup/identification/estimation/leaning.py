@@ -120,8 +120,8 @@ def _in_words(
     wide = half_interval(last.parts) * last.deviation(across / max(float(np.linalg.norm(across)), TINY))
     low, high = (float(np.degrees(max(angle + sign * wide, 0.0))) for sign in (-1.0, 1.0))
     downhill = now - (now @ before) * before
-    x, y, z = (f"{c + 0.0:.2f}" for c in downhill / max(float(np.linalg.norm(downhill)), TINY))
-    gravity = " ".join(f"{float(g) + 0.0:.4g}" for g in leant.gravity)
+    x, y, z = (f"{round(float(c), 2) + 0.0:.2f}" for c in downhill / max(float(np.linalg.norm(downhill)), TINY))
+    gravity = " ".join(f"{round(float(g), 3) + 0.0:g}" for g in leant.gravity)
     how = (
         f"the base leans {np.degrees(angle):.3g} deg [{low:.3g}, {high:.3g}] from how the model has it, down towards "
         f"({x}, {y}, {z}) of its frame (errors on stretches that were left out are {evidence.in_words()})"
