@@ -12,14 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.pose import angles_of
-from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.footsteps import legs_of
 from trueup.grounding.others import as_shown, others_of
 from trueup.inspection.sliding import sliding
 from trueup.loop.prepare import Preparation, prepare
-from trueup.loop.problem import Problem
-from trueup.loop.windows import carried
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -119,15 +116,6 @@ def test_the_robot_replays_from_there_and_is_not_compared_with_what_was_reckoned
     )
     rest = [np.sqrt(np.nanmean((r.after - r.measured) ** 2)) for r in (standing, hanging)]
     assert rest[0] < 0.2 * rest[1]
-
-
-@pytest.mark.parametrize(("refuse", "by_contacts"), [((), True), (("feet",), False)])
-def test_feet_carry_a_robot_whose_base_was_reckoned_as_one_that_was_tracked(
-    walked: tuple[Path, Recording], refuse: tuple[str, ...], by_contacts: bool
-) -> None:
-    ready = _blind(walked, ("base_position", "base_orientation"), refuse)
-    measure = Weighted.estimated(ready.recordings, ["position"])
-    assert carried(Problem(ready.simulator, ready.recordings, measure, ("position",))) == by_contacts
 
 
 def test_a_robot_that_hangs_is_held_as_before(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT, TINY
-from trueup.trial import Trial, reckoned_of
+from trueup.trial import Trial
 
 GROWN = 5.0
 """Times an error at the start of a window may grow in it."""
@@ -109,14 +109,11 @@ def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[
 
 
 def carried(problem: Problem) -> bool:
-    """Whether contacts carry the robot in all that is replayed: its base is free and was tracked, or reckoned from its feet,
-    or it hangs on joints that nothing drives.
+    """Whether contacts carry the robot in all that is replayed: its base is free and was tracked, or it hangs on joints that
+    nothing drives. Not where the base was reckoned from feet: windows that begin there take for the robot's what is reckoned
+    wrong.
     """
-    known = [reckoned_of(r) for r in problem.recordings]
-    return all(
-        set(BASE) & {*t.observed, *known[k]} or passive(problem.simulator, t)
-        for t, k in zip(problem.trials, problem.owners, strict=True)
-    )
+    return all(set(BASE) & set(t.observed) or passive(problem.simulator, t) for t in problem.trials)
 
 
 def by_torque(problem: Problem) -> bool:
