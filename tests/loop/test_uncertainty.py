@@ -30,7 +30,7 @@ def linear_problem() -> tuple[Any, np.ndarray]:
     segments = tuple(
         Segment(k, k, "position", LABELS, "rad", k * size, SAMPLES, np.ones(len(LABELS))) for k in range(2)
     )
-    return SimpleNamespace(segments=segments), 50.0 * np.stack(columns, axis=1)
+    return SimpleNamespace(segments=segments, simulator=None), 50.0 * np.stack(columns, axis=1)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9])
@@ -57,7 +57,7 @@ def test_what_a_window_got_wrong_at_its_start_widens_intervals() -> None:
     windows, samples, rng = 60, 12, np.random.default_rng(3)
     size, drift = samples * len(LABELS), np.repeat(np.linspace(0.0, 1.0, samples), len(LABELS))
     parts = (Segment(k, 0, "position", LABELS, "rad", k * size, samples, np.ones(2)) for k in range(windows))
-    problem: Any = SimpleNamespace(segments=tuple(parts))
+    problem: Any = SimpleNamespace(segments=tuple(parts), simulator=None)
     rows = [np.outer(drift, row) for row in rng.standard_normal((windows, 2))]
     jacobian = np.asarray(50.0 * np.concatenate(rows), np.float64)
     space = ParameterSpace(tuple(Parameter(n, "", 0.5, 0.0, 1.0) for n in "wx"))
