@@ -39,12 +39,12 @@ TOOLS = listed("ee eef tcp effector endeffector cartesian")
 _ANGLES_BY_LETTER = listed("r p y")
 EULER = listed("rpy euler")
 _TIME = listed(
-    "time timestamp timestamps t stamp stamps times clock elapsed duration ts sec secs seconds millis micros datetime msec "
+    "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec "
     "usec nsec nanosec epoch unix utc timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
 )
 _TIME_UNITS = listed("ms us ns")
 """Names of a clock by themselves."""
-_TICKS = listed("tick ticks")
+_TICKS = listed("tick ticks duration")
 _NANOSECONDS = listed("nsec nsecs nanosec nanosecs nanos nanoseconds")
 _NOT_TIME = listed("per index frame episode step steps count counter id seq")
 _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
@@ -166,7 +166,7 @@ def says_nanoseconds(name: str) -> bool:
 
 
 def ticks(name: str) -> bool:
-    """Whether a name sounds like what a controller's clock counts, or an encoder."""
+    """Whether a name sounds like what a controller's clock counts, or an encoder, or how long it took."""
     return bool(set(words(name)) & _TICKS)
 
 
