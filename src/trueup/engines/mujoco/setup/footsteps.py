@@ -61,7 +61,8 @@ def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Record
     note = (
         f"no recording tells where the base was, and it stood on the floor ({against}): its pose is reckoned from "
         f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin there, and are "
-        f"not compared with it. If it hopped, or feet slipped for long, log {POSITION}; if it hung, refuse this"
+        f"not compared with it; intervals do not know what is wrong there, and are too narrow. If it hopped, or feet slipped "
+        f"for long, log {POSITION}; if it hung, refuse this"
     )
     return [f[0] for f in found if f is not None], [note]
 
