@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from trueup.engines.simulator import InPlaceOf
 from trueup.loop.fit import Fit
 from trueup.loop.problem import Segment
 from trueup.loop.uncertainty import intervals, unit_covariance
@@ -52,12 +54,32 @@ def test_intervals_cover_the_truth_as_often_as_they_say(correlation: float) -> N
     assert 0.90 <= np.mean(inside) <= 0.985
 
 
-def test_what_a_window_got_wrong_at_its_start_widens_intervals() -> None:
-    """Sixty windows of twelve samples of two joints, each with an error that drifts away alike in both."""
+class Predicting:
+    """A simulator that predicts a trial in stretches of twelve samples."""
+
+    def stretches(self, trial: Any) -> Any:
+        return lambda times: (times % 12.0, (times // 12.0).astype(np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class InItsPlace(InPlaceOf):
+    """Another simulator in its place, as where some parameters are not searched."""
+
+    whole: Any
+
+
+@pytest.mark.parametrize("what", ["windows", "stretches", "stretches of another"])
+def test_what_was_wrong_at_the_start_of_a_window_or_a_stretch_widens_intervals(what: str) -> None:
+    """Sixty of twelve samples of two joints, each with an error that drifts away alike in both: of sixty trials, or one."""
     windows, samples, rng = 60, 12, np.random.default_rng(3)
     size, drift = samples * len(LABELS), np.repeat(np.linspace(0.0, 1.0, samples), len(LABELS))
-    parts = (Segment(k, 0, "position", LABELS, "rad", k * size, samples, np.ones(2)) for k in range(windows))
-    problem: Any = SimpleNamespace(segments=tuple(parts), simulator=None)
+    if what == "windows":
+        parts = [Segment(k, 0, "position", LABELS, "rad", k * size, samples, np.ones(2)) for k in range(windows)]
+    else:
+        parts = [Segment(0, 0, "position", LABELS, "rad", 0, windows * samples, np.ones(2))]
+    seen = {"position": SimpleNamespace(time=np.arange(float(windows * samples)))}
+    simulator = {"windows": None, "stretches": Predicting()}.get(what, InItsPlace(Predicting()))
+    problem: Any = SimpleNamespace(segments=tuple(parts), simulator=simulator, trials=(SimpleNamespace(observed=seen),))
     rows = [np.outer(drift, row) for row in rng.standard_normal((windows, 2))]
     jacobian = np.asarray(50.0 * np.concatenate(rows), np.float64)
     space = ParameterSpace(tuple(Parameter(n, "", 0.5, 0.0, 1.0) for n in "wx"))

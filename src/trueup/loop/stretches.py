@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.engines.simulator import InPlaceOf
 from trueup.evidence import jackknife
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
@@ -30,13 +31,16 @@ def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | No
     measured there, and what is wrong in a few of them alone, where slopes are large. None where these are no more than the
     parameters.
     """
-    if not isinstance(problem.simulator, Stretched):
+    simulator = problem.simulator
+    while isinstance(simulator, InPlaceOf):
+        simulator = simulator.whole
+    if not isinstance(simulator, Stretched):
         return None
     n = fit.jacobian.shape[1]
     pulls, curvatures = dict[tuple[int, int], Array](), dict[tuple[int, int], Array]()
     for segment in problem.segments:
         trial = problem.trials[segment.trial]
-        _, number = problem.simulator.stretches(trial)(trial.observed[segment.channel].time)
+        _, number = simulator.stretches(trial)(trial.observed[segment.channel].time)
         of = np.broadcast_to(number[:, None], segment.mask.shape)[segment.mask]
         slopes, counts, errors = (a[segment.columns] for a in (fit.jacobian, fit.weights, fit.residual))
         for k in np.unique(of).tolist():

@@ -25,8 +25,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     the autocorrelation estimated from the residuals and tapered). Where trials, or the windows that stand for them,
     are more than the parameters, no interval is narrower than they disagree (K.-Y. Liang and S. L. Zeger, Biometrika 73(1),
     1986): what the start of one did wrong is shared by all that is measured in it. So it is with stretches of one trial that
-    begin anew, of which each is left out in turn (`stretches.py`). Where the fit was probed, its `scatter` is
-    added.
+    begin anew, of which each is left out in turn (`stretches.py`). Where the fit was probed, its `scatter` is added.
     """
     jacobian = fit.jacobian * fit.weights[:, None]
     curvature = fit.jacobian.T @ jacobian

@@ -41,10 +41,9 @@ _NOW = re.compile(r"(?<![A-Za-z])(?i:current|curr|cur)(?![a-z])")
 _PLACES = AXES | listed("pose heading steering steer orientation lat latitude lon longitude lng")
 
 
-def with_actual(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, str]:
-    """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, with a unit, and
-    behind a torque or current where no other is there ("trq_act"): should it be one after all, it drives what it drove.
-    In the name of one of the `joints` of a model it is a part of that ("L_act").
+def in_context(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, str]:
+    """Each name as it is to be read beside the others: what makers call their signals, pairs, letters, what is so at present;
+    and "act" as "actual", but in the name of one of the `joints` of a model ("L_act").
     """
     read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
     for word, meant_by_it in _RSI.items():
@@ -80,7 +79,10 @@ def _inertial(read: dict[str, str]) -> dict[str, str]:
 
 
 def _acted(names: Sequence[str]) -> dict[str, str]:
-    """Each name with "actual" for "act" where that is what it means."""
+    """Each name with "actual" for "act" where that is what it means, and no action: beside plain words for commands, with a
+    unit, and behind a torque or current where no other is there ("trq_act"): should it be one after all, it drives what it
+    drove.
+    """
     plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
     measured = any(unit not in ("", "1") for name in names if _ACT.search(name) for unit in _units(name))
     if measured or any(plain & set(words(name)) for name in names):

@@ -27,7 +27,7 @@ from trueup.formats.rules.coherence import (
     without_places,
     without_sensors,
 )
-from trueup.formats.rules.context import with_actual
+from trueup.formats.rules.context import in_context
 from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.names import axes, stem, taken_apart, words
@@ -76,7 +76,7 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
 
 def _columns(tables: Sequence[Table], clocks: Clocks, known: Sequence[str]) -> list[Column]:
     """The columns with numbers, without clocks and without those that only number the rows."""
-    read_as = with_actual([name for table in tables for name in table.columns], known)
+    read_as = in_context([name for table in tables for name in table.columns], known)
     return [
         Column(table, name, read_as[name], clocks.clock_of(table, name), table.name if len(tables) > 1 else "")
         for table in tables

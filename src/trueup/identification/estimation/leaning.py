@@ -31,8 +31,6 @@ NAME = "lean"
 """By which it may be refused."""
 _STEP = 1e-4
 """rad (m) by which a joint is moved for the slope of torque in its zero."""
-_TURNS = 3
-"""In which slopes are taken again where gravity then points; two are enough for 10 deg."""
 Cut = Callable[[Sequence[Piece]], list[Rows]]
 """Pieces to the blocks of time that are left out in turn."""
 
@@ -82,11 +80,12 @@ def as_it_leans(
     if lean is None or not lean.alone.holds or (lean.zeros.holds and not lean.beside_zeros.holds):
         return tree, []
     leant, last = lean.applied(tree), lean
-    for _ in range(_TURNS):
-        rest = _beside(modelled(leant), margin, leans=True)
-        if rest is None or not rest.there:
+    # Slopes are taken again where gravity then points, while more is left than chance makes of none and errors fall.
+    while (rest := _beside(modelled(leant), margin, leans=True)) is not None and rest.there:
+        further = rest.applied(leant)
+        if not modelled(further)[-1][-1].against(modelled(leant)[-1][-1]).gain > 0.0:
             break
-        leant, last = rest.applied(leant), rest
+        leant, last = further, rest
     evidence = modelled(leant)[-1][-1].against(level[-1][-1])
     if not evidence.holds:
         return tree, []
