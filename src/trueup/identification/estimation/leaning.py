@@ -29,8 +29,8 @@ from trueup.rounding import TINY
 
 NAME = "lean"
 """By which it may be refused."""
-_STEP = 1e-4
-"""rad (m) by which a joint is moved for the slope of torque in its zero."""
+_STEP = float(np.cbrt(np.finfo(np.float64).eps))
+"""rad (m) by which a joint is moved for the slope of torque in its zero: where rounding and curvature err alike."""
 Cut = Callable[[Sequence[Piece]], list[Rows]]
 """Pieces to the blocks of time that are left out in turn."""
 
