@@ -22,10 +22,6 @@ COMMANDS = (
 """Channel names that hold commands, the better first: what was sent beats what was requested; 'command' is a position
 of a joint, or whatever else a robot takes."""
 
-RECKONED = "reckoned"
-"""Key of a recording's provenance: channels, parted by spaces, that were reckoned from others. Runs begin as they say, and
-are not compared with them (`reckoned_of`)."""
-
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
 
@@ -181,6 +177,9 @@ class Trial:
     """Measured channels around the start, from which a simulator estimates its start state."""
     corrections: Mapping[str, Array] = field(default_factory=dict)
     """Channel of `initial` to (2, k): what is added to the values and to the speeds that its samples give for the start."""
+    initial_sd: Mapping[str, Array] = field(default_factory=dict)
+    """Channel of `initial` to (2, k): standard deviations of the values and the speeds that its samples give for the start,
+    beside what these scatter; of what was reckoned."""
     limits: Limits | None = None
     repeats: int = 1
     settings: Mapping[str, float] = field(default_factory=dict)
@@ -277,11 +276,6 @@ def ended(recording: Recording) -> Ended | None:
     at, _, name = recording.provenance.get(ENDED, "").partition(" ")
     last = recording.time[-2:]
     return Ended(float(at), name) if name and float(at) <= recording.stop + LOOK + last[-1] - last[0] else None
-
-
-def reckoned_of(recording: Recording) -> frozenset[str]:
-    """Its channels that were reckoned from others."""
-    return frozenset(recording.provenance.get(RECKONED, "").split())
 
 
 def command_of(recording: Recording) -> Channel | None:

@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.articulated.pose import angles_of
+from trueup.articulated.pose import angles_of, turning
+from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.setup.attitude import smoothed_attitude
 from trueup.engines.mujoco.setup.footsteps import legs_of
 from trueup.grounding.others import as_shown, others_of
 from trueup.inspection.sliding import sliding
 from trueup.loop.prepare import Preparation, prepare
+from trueup.loop.problem import Problem
+from trueup.loop.start_errors import with_start_errors
+from trueup.loop.windows import carried
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -118,6 +123,34 @@ def test_the_robot_replays_from_there_and_is_not_compared_with_what_was_reckoned
     assert rest[0] < 0.2 * rest[1]
 
 
+def test_it_is_known_how_far_off_is_what_was_reckoned(walked: tuple[Path, Recording]) -> None:
+    _, recording = walked
+    ready = _blind(walked, ("base_position", "base_orientation"))
+    channels = ("position", *_TURNING)
+    problem = Problem(ready.simulator, ready.recordings, Weighted.estimated(ready.recordings, channels), channels)
+    (trial,) = with_start_errors(problem, ready.simulator.parameters.nominal).trials
+    (found,) = ready.recordings
+    off = found.channel("base_position").values[:, 2] - recording.channel("base_position").values[:, 2]
+    tilt = angles_of(recording.channel("base_orientation").values)[:, :2]
+    wrong = found.channel("base_orientation").values[:, :2] - tilt
+    for name, sd, error in (("height", trial.initial_sd["base_position"][0, 2], off),
+                            ("tilt", trial.initial_sd["base_orientation"][0, :2].mean(), wrong)):  # fmt: skip
+        assert 0.3 < sd / np.sqrt(np.mean(error**2)) < 3.0, name
+    assert carried(with_start_errors(problem, ready.simulator.parameters.nominal))
+
+
+def test_a_gyro_that_drifts_is_drawn_to_what_is_up_before_and_after(walked: tuple[Path, Recording]) -> None:
+    _, recording = walked
+    time, mount = recording.channel("gyro").time, [-1.0, -1.0, 1.0]  # the unit is turned by half a turn
+    rates, pulls = (recording.channel(name).values * mount for name in _TURNING)
+    truth = angles_of(recording.channel("base_orientation").values)
+    for drift in ([0.0, 0.0, 0.0], [0.05, -0.03, 0.0]):
+        angles, changes = smoothed_attitude(time, rates + drift, pulls)
+        assert np.sqrt(np.mean((angles - truth)[:, :2] ** 2)) < 0.012
+        assert np.abs(angles[0, :2] - truth[0, :2]).max() < 4e-3
+        np.testing.assert_allclose(turning(angles, changes)[:, :2].mean(axis=0), rates[:, :2].mean(axis=0), atol=0.02)
+
+
 def test_a_robot_that_hangs_is_held_as_before(tmp_path: Path) -> None:
     (tmp_path / "dog.xml").write_text(_DOG)
     time = np.arange(0.0, 2.0, 0.01)
@@ -175,6 +208,7 @@ def test_an_attitude_under_the_name_of_an_inertial_unit_tells_how_the_base_was_t
         blind = blind.with_channel(turn.replace(name=way, labels=labels))
     (expected,) = _blind(walked, ("base_position", *_TURNING)).recordings
     (found,) = prepare(path, [blind], propose=False).recordings
+    assert "base_orientation" in prepare(path, [blind], propose=False).simulator.observable(found)  # and is compared
     for name in ("base_position", "base_orientation"):
         np.testing.assert_allclose(found.channel(name).values, expected.channel(name).values, atol=1e-4)
     foot = blind.replace(channels={n: c for n, c in blind.channels.items() if n in ("command", "position")})

@@ -8,12 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.reckoned import RATE_OF
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.samples import unwound, wrapped
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
-"""Channels: x, y, z in m; roll, pitch, yaw in rad (turned about the base's x first, then y, then z of the world)."""
+RATES = ORIENTATION + RATE_OF
+"""Channels: x, y, z in m; roll, pitch, yaw in rad (turned about the base's x first, then y, then z of the world), and how
+fast these change, in rad/s."""
 AXES, ANGLES, QUATERNION = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("w", "x", "y", "z")
 
 
@@ -90,6 +93,16 @@ def turning(angles: Array, rates: Array) -> Array:
     (sr, sp, _), (cr, cp, _) = np.sin(turns), np.cos(turns)
     roll, pitch, yaw = np.moveaxis(rates, -1, 0)
     return np.stack([roll - yaw * sp, pitch * cr + yaw * sr * cp, -pitch * sr + yaw * cr * cp], axis=-1)
+
+
+def rates_of(angles: Array, turns: Array) -> Array:
+    """(..., 3) how fast roll, pitch, yaw (..., 3) change in rad/s, of an angular velocity about the base's own axes: what
+    `turning` undoes, up to a pitch of a right angle.
+    """
+    (sr, sp, _), (cr, cp, _) = (np.moveaxis(x, -1, 0) for x in (np.sin(angles), np.cos(angles)))
+    x, y, z = np.moveaxis(turns, -1, 0)
+    yaw = (y * sr + z * cr) / cp
+    return np.stack([x + yaw * sp, y * cr - z * sr, yaw], axis=-1)
 
 
 def near(angles: Array, measured: Array) -> Array:

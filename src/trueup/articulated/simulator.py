@@ -22,8 +22,9 @@ from trueup.controllers.controller import ControllerFactory
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
+from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
-from trueup.trial import STEP, Trial, command_of, reckoned_of
+from trueup.trial import STEP, Trial, command_of
 
 
 @dataclass(frozen=True, eq=False)

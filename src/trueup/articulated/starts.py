@@ -9,7 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.model import BasePose, Model
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, RATES
 from trueup.instant import at_instant
 from trueup.trial import Trial
 
@@ -21,8 +21,8 @@ def measured_base(trial: Trial) -> BasePose | None:
         return None
     states = []
     ordered = position if position.labels == AXES else position.select(AXES)  # the same channel is not looked at again
-    for channel in (ordered, orientation):
-        begun = at_instant(channel, None, trial.start)
+    for channel, rates in ((ordered, None), (orientation, trial.initial.get(RATES))):
+        begun = at_instant(channel, rates, trial.start)
         state = np.array([begun.value, begun.speed])
         if channel.name in trial.corrections:
             labels = trial.initial[channel.name].labels

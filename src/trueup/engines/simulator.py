@@ -12,8 +12,10 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended, with_end
+from trueup.engines.floating import passive, placed
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
+from trueup.reckoned import reckoned_as
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.told import Told
@@ -177,12 +179,16 @@ class InPlaceOf:
         return self.whole.observable(recording)
 
     def placed(self, trial: Trial) -> bool:
-        """See `placed`."""
+        """See `floating.placed`."""
         return placed(self.whole, trial)
 
     def passive(self, trial: Trial) -> bool:
-        """See `passive`."""
+        """See `floating.passive`."""
         return passive(self.whole, trial)
+
+    def reckoned(self, recording: Recording) -> Recording | None:
+        """See `reckoned.Reckoning`."""
+        return reckoned_as(self.whole, recording)
 
 
 @runtime_checkable
@@ -267,33 +273,3 @@ class Controlled(Protocol):
     def period(self) -> float:
         """Time between two commands of the controller, in s; 0 without one."""
         ...
-
-
-@runtime_checkable
-class Floating(Protocol):
-    """A Simulator of a robot whose base may be free."""
-
-    def placed(self, trial: Trial) -> bool:
-        """Whether a trial's recording tells where the base was; True where it is not free."""
-        ...
-
-
-def placed(simulator: Simulator, trial: Trial) -> bool:
-    """Whether a trial may begin at any instant of its recording: a base of which nothing is known stands where the model has
-    it at the beginning, and nowhere later.
-    """
-    return not isinstance(simulator, Floating) or simulator.placed(trial)
-
-
-@runtime_checkable
-class Passive(Protocol):
-    """A Simulator that knows which joints nothing drives, and whether its robot touches anything."""
-
-    def passive(self, trial: Trial) -> bool:
-        """Whether contacts alone move joints that were measured in a trial: those of a boom that a hopper hangs on."""
-        ...
-
-
-def passive(simulator: Simulator, trial: Trial) -> bool:
-    """Whether contacts move joints of a trial that nothing drives; False where a simulator cannot tell."""
-    return isinstance(simulator, Passive) and simulator.passive(trial)

@@ -9,8 +9,8 @@ from trueup.engines.simulator import Simulator
 from trueup.inspection.inspection import motionless
 from trueup.inspection.repeats import BASE
 from trueup.inspection.sensors import is_accelerometer, is_gyro
+from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
-from trueup.trial import reckoned_of
 
 _OF_JOINTS = ("position", "velocity", "torque", "current", "acceleration")
 _UNBOUNDED = ("x", "y", "yaw")  # of a free base: where it has walked to says nothing of its joints

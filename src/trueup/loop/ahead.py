@@ -10,7 +10,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Ahead
-from trueup.engines.simulator import Simulator, placed
+from trueup.engines.floating import placed
+from trueup.engines.simulator import Simulator
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT

@@ -10,6 +10,7 @@ from trueup.loop.alike import alike
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST
+from trueup.loop.start_errors import with_start_errors
 from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, carried, in_windows, smooth_length, window_length
 from trueup.parameters import ParameterSpace
 
@@ -21,8 +22,9 @@ def cut_for_search(
 ) -> tuple[Problem, Array, float, list[str]]:
     """The problem in windows of `wanted` s, or with a `space` in such as a search along its free parameters takes at values
     (n,); from which values (n,) to search it; how long windows may be for replays from measured starts to last, which is how
-    they are shown; and both in words.
+    they are shown; and both in words. Trials of it know how far off starts are that were reckoned.
     """
+    problem = with_start_errors(problem, values)
     if space is None:
         begun = in_windows(problem, wanted)
         return begun, values, wanted, _words(begun, "", "")

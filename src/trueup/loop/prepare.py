@@ -36,8 +36,8 @@ from trueup.loop.replay import replays
 from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.parameters import ParameterSpace
+from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
-from trueup.trial import reckoned_of
 
 
 @dataclass(frozen=True)

@@ -198,7 +198,8 @@ def _end(trial: Trial, step: float) -> Trial:
 
 def _sizes(trial: Trial) -> dict[str, Array]:
     """Channel to (2, k) standard deviations of its values and speeds at the trial's start, where they can be told."""
-    return {name: np.nan_to_num([begun.value_sd, begun.speed_sd]) for name, begun in _instants(trial).items()}
+    found = {name: np.nan_to_num([begun.value_sd, begun.speed_sd]) for name, begun in _instants(trial).items()}
+    return {name: np.hypot(sd, trial.initial_sd.get(name, 0.0)) for name, sd in found.items()}
 
 
 def _instants(trial: Trial) -> dict[str, Instant]:

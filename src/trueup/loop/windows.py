@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
-from trueup.engines.simulator import passive, placed
+from trueup.engines.floating import passive, placed
 from trueup.inspection.repeats import BASE
 from trueup.loop.condensing import cut
 from trueup.loop.problem import WORTH, Problem
@@ -109,11 +109,10 @@ def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[
 
 
 def carried(problem: Problem) -> bool:
-    """Whether contacts carry the robot in all that is replayed: its base is free and was tracked, or it hangs on joints that
-    nothing drives. Not where the base was reckoned from feet: windows that begin there take for the robot's what is reckoned
-    wrong.
+    """Whether contacts carry the robot in all that is replayed: its base is free and was tracked, or reckoned and it is known
+    how far that is off, or it hangs on joints that nothing drives.
     """
-    return all(set(BASE) & set(t.observed) or passive(problem.simulator, t) for t in problem.trials)
+    return all(set(BASE) & {*t.observed, *t.initial_sd} or passive(problem.simulator, t) for t in problem.trials)
 
 
 def by_torque(problem: Problem) -> bool:

@@ -24,14 +24,16 @@ from trueup.engines.mujoco.engine_log import unlogged
 from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.run import Run
+from trueup.engines.mujoco.setup.footsteps import with_pose
 from trueup.engines.mujoco.stepping import unclocked
 from trueup.engines.mujoco.trees import Trees
 from trueup.engines.mujoco.wiring import actuators_of, source_of
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
+from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
-from trueup.trial import STEP, Trial, command_of, reckoned_of
+from trueup.trial import STEP, Trial, command_of
 
 
 class MujocoSimulator:
@@ -163,6 +165,10 @@ class MujocoSimulator:
         seen, driven = trial.observed.get("position"), self.model.actuator_of_joint()
         moved = self.compiled.ntendon or self.compiled.neq or seen is None or driven.keys() >= set(seen.labels)
         return not moved and self._touching is True
+
+    def reckoned(self, recording: Recording) -> Recording | None:
+        """See `engines.simulator.Reckoning`."""
+        return with_pose(self.model, recording)
 
     def held(self, trial: Trial) -> Array:
         """(width,) what is told to drives that nobody commands in a trial."""

@@ -5,18 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.articulated.inertial import CALM, with_inertial_units
+from trueup.articulated.inertial import with_inertial_units
 from trueup.articulated.pose import (
     ANGLES,
     AXES,
     ORIENTATION,
     POSITION,
     QUATERNION,
-    angles_of,
+    RATES,
     in_angles,
     quaternion_of,
     up_of,
@@ -24,18 +23,19 @@ from trueup.articulated.pose import (
 from trueup.ends import TILT
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.attitude import smoothed_attitude
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
-from trueup.engines.mujoco.setup.stance import BEGINNING, stood
+from trueup.engines.mujoco.setup.stance import stood
 from trueup.formats.rules.bases import OTHERS, SOURCES
 from trueup.formats.rules.names import listed, words
 from trueup.inspection.sensors import sensed
 from trueup.inspection.sliding import Legs
+from trueup.reckoned import RECKONED
 from trueup.recording import Channel, Recording
-from trueup.samples import between, is_unit, unwound
-from trueup.trial import RECKONED
-from trueup.units import GRAVITY, hardly_radians
+from trueup.samples import between, is_unit
+from trueup.units import hardly_radians
 
 _TURNS = listed("quat quaternion orientation ori rotation rot attitude rpy euler q")
 
@@ -60,11 +60,18 @@ def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Record
     how = sorted({what for f in found if f is not None for what in f[1]})
     note = (
         f"no recording tells where the base was, and it stood on the floor ({against}): its pose is reckoned from "
-        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin there, and are "
-        f"not compared with it; intervals do not know what is wrong there, and are too narrow. If it hopped, or feet slipped "
-        f"for long, log {POSITION}; if it hung, refuse this"
+        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin there, as "
+        f"near to it as the model itself is reckoned, and are not compared with it. If it hopped, or feet slipped for long, "
+        f"log {POSITION}; if it hung, refuse this"
     )
     return [f[0] for f in found if f is not None], [note]
+
+
+def with_pose(model: Model, recording: Recording) -> Recording | None:
+    """A recording with the pose of a free base, reckoned as above; None where it does not tell that."""
+    reach = on_a_plane(model)
+    found = None if reach is None else _with_pose(model, reach, recording)
+    return None if found is None else found[0]
 
 
 def _with_pose(model: Model, reach: Reach, recording: Recording) -> tuple[Recording, tuple[str, ...]] | None:
@@ -76,7 +83,7 @@ def _with_pose(model: Model, reach: Reach, recording: Recording) -> tuple[Record
     labels = [x for x in position.labels if x in reach.joints]
     joints = position.select(labels)
     good = np.isfinite(joints.values).all(axis=1)
-    angles, by = turning
+    angles, rates, by = turning
     if not set(reach.joints) <= set(labels) or np.count_nonzero(good) < 2:
         return None
     time = joints.time[good]
@@ -85,8 +92,9 @@ def _with_pose(model: Model, reach: Reach, recording: Recording) -> tuple[Record
         return None
     poses, turns = between(time, joints.time[good], joints.values[good]), quaternion_of(angles.at(time))
     place, _ = path(reach, labels, poses, turns)
-    channels = {POSITION: Channel(POSITION, AXES, "m", time, place), ORIENTATION: angles}
-    names = {POSITION} | ({ORIENTATION} if not recording.has(ORIENTATION) else set())
+    channels, names = {POSITION: Channel(POSITION, AXES, "m", time, place), ORIENTATION: angles}, {POSITION}
+    if rates is not None:  # the inertial unit is compared itself
+        channels, names = {**channels, RATES: rates}, {POSITION, ORIENTATION, RATES}
     told = {**recording.provenance, RECKONED: " ".join(sorted(names))}
     return recording.replace(channels={**recording.channels, **channels}, provenance=told), by
 
@@ -120,12 +128,12 @@ def legs_of(model: Model) -> Legs | None:
     return Legs(tuple(joints), list(limbs.values()), places, lambda poses, turns: path(reach, joints, poses, turns))
 
 
-def _turning(model: Model, recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
-    """Roll, pitch and yaw of the base, and what told them."""
+def _turning(model: Model, recording: Recording) -> tuple[Channel, Channel | None, tuple[str, ...]] | None:
+    """Roll, pitch and yaw of the base, how fast they change where a gyro told it, and what told them."""
     told = recording.channels.get(ORIENTATION) or attitude(recording)
     if told is not None:
         channel = in_angles(recording.with_channel(told.replace(name=ORIENTATION))).channel(ORIENTATION)
-        return (channel, (f"'{told.name}'",)) if channel.labels == ANGLES else None
+        return (channel, None, (f"'{told.name}'",)) if channel.labels == ANGLES else None
     (recording,), _ = with_inertial_units([recording])
     kinds = model.sensors()
     found = {}
@@ -137,8 +145,9 @@ def _turning(model: Model, recording: Recording) -> tuple[Channel, tuple[str, ..
     if not {"rad/s", "m/s^2"} <= set(found):
         return None
     (time, rates, gyro), (late, pulls, accelerometer) = found["rad/s"], found["m/s^2"]
-    angles = _integrated(time, rates, between(time, late, pulls))
-    return Channel(ORIENTATION, ANGLES, "rad", time, angles), (f"'{gyro}'", f"'{accelerometer}'")
+    angles, changes = smoothed_attitude(time, rates, between(time, late, pulls))
+    how = (f"'{gyro}'", f"'{accelerometer}'")
+    return Channel(ORIENTATION, ANGLES, "rad", time, angles), Channel(RATES, ANGLES, "rad/s", time, changes), how
 
 
 def attitude(recording: Recording) -> Channel | None:
@@ -179,25 +188,3 @@ def _up(channel: Channel) -> float:
     """Cosine of the angle between what points up of the base and of the world, in the median."""
     values = channel.values[np.isfinite(channel.values).all(axis=1)]
     return float(np.median(up_of(quaternion_of(values) if channel.labels == ANGLES else values)[:, 2]))
-
-
-def _integrated(time: Array, rates: Array, pulls: Array) -> Array:
-    """(T, 3) roll, pitch, yaw that a gyro (T, 3) in rad/s gives, drawn to where an accelerometer (T, 3) shows what is up.
-
-    A complementary filter (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one), by the
-    accelerometer as it is and not by its direction: forces of many steps add up to the weight, their directions do not.
-    """
-    first = time <= time[0] + BEGINNING  # what a gyro shows at rest is its error
-    error, up = rates[first].mean(axis=0), pulls[first].mean(axis=0)
-    pitch = np.arctan2(-up[0], np.hypot(up[1], up[2]))
-    turn = quaternion_of(np.array([np.arctan2(up[1], up[2]), pitch, 0.0]))
-    turns, matrix = np.empty((len(time), 4)), np.empty(9)
-    for i in range(len(time)):
-        turns[i] = turn
-        if i + 1 < len(time):
-            dt = time[i + 1] - time[i]
-            mujoco.mju_quat2Mat(matrix, turn)
-            # The angles come back to what the accelerometer shows while steps average out, and errors of the gyro stay small.
-            rate = 0.5 * (rates[i] + rates[i + 1]) - error + np.cross(pulls[i] / GRAVITY, matrix[6:]) / CALM
-            mujoco.mju_quatIntegrate(turn, rate, dt)
-    return unwound(angles_of(turns))

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a robot was turned all along, by its gyro and its accelerometer."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.articulated.inertial import CALM
+from trueup.articulated.pose import angles_of, product, quaternion_of, quaternions_of_vectors, rates_of
+from trueup.engines.mujoco.setup.stance import BEGINNING
+from trueup.rounding import TINY
+from trueup.samples import unwound
+from trueup.units import GRAVITY
+
+_FEWEST = 5  # samples of a smoothing spline
+_ROUNDS = 3  # of what the accelerometer mends, each of which leaves the cube of the tilt
+
+
+def smoothed_attitude(time: Array, rates: Array, pulls: Array) -> tuple[Array, Array]:
+    """(T, 3) roll, pitch, yaw and (T, 3) how fast they change, by a gyro (T, 3) in rad/s and an accelerometer (T, 3) in m/s^2
+    about the axes of what they are on, at instants (T,) in s.
+
+    The gyro tells all that is quick. What it drifts is drawn, by a smoothing spline (C. H. Reinsch, Numerische Mathematik 10,
+    1967), to where the accelerometer has what is up, before and after each instant: by what it measures as it is and not by
+    the direction of that, since forces of many steps add up to the weight, their directions do not. The beginning, at rest,
+    counts as much more as it scatters less.
+    """
+    first = time <= time[0] + BEGINNING
+    rates = rates - rates[first].mean(axis=0)  # what a gyro shows at rest is its error
+    rates = rates + _drift(time, rates, pulls)
+    turns = _turned(time, rates, pulls)
+    weights = np.where(first, np.var(pulls, axis=0).sum() / max(np.var(pulls[first], axis=0).sum(), TINY), 1.0)
+    for _ in range(_ROUNDS if len(time) >= _FEWEST else 0):
+        up = _in_world(turns, pulls) / GRAVITY
+        tilt = np.stack([up[:, 1], -up[:, 0]], axis=1)
+        turns = product(quaternions_of_vectors(np.pad(_smooth(time, tilt, weights), ((0, 0), (0, 1)))), turns)
+    angles = unwound(angles_of(turns))
+    return angles, rates_of(angles, rates)
+
+
+def _drift(time: Array, rates: Array, pulls: Array) -> Array:
+    """(3,) rad/s that are to be added to a gyro's rates for gravity to stay where it is, in the mean: a complementary filter
+    (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one) has to add so much.
+    """
+    turn, matrix, added = _first(time, pulls), np.empty(9), np.zeros(3)
+    for i, dt in enumerate(np.diff(time).tolist()):
+        mujoco.mju_quat2Mat(matrix, turn)
+        more = np.cross(pulls[i] / GRAVITY, matrix[6:]) / CALM
+        added += more * dt
+        mujoco.mju_quatIntegrate(turn, 0.5 * (rates[i] + rates[i + 1]) + more, dt)
+    return np.asarray(added / (time[-1] - time[0]), dtype=np.float64)
+
+
+def _turned(time: Array, rates: Array, pulls: Array) -> Array:
+    """(T, 4) quaternions by the gyro alone."""
+    turn, turns = _first(time, pulls), np.empty((len(time), 4))
+    turns[0] = turn
+    for i, dt in enumerate(np.diff(time).tolist()):
+        mujoco.mju_quatIntegrate(turn, 0.5 * (rates[i] + rates[i + 1]), dt)
+        turns[i + 1] = turn
+    return turns
+
+
+def _first(time: Array, pulls: Array) -> Array:
+    """(4,) the quaternion at the first instant: upright as the accelerometer has it while it is calm."""
+    up = pulls[time <= time[0] + BEGINNING].mean(axis=0)
+    return quaternion_of(np.array([np.arctan2(up[1], up[2]), np.arctan2(-up[0], np.hypot(up[1], up[2])), 0.0]))
+
+
+def _in_world(turns: Array, vectors: Array) -> Array:
+    """(T, 3) vectors (T, 3) of bodies turned by quaternions (T, 4), along the axes of the world."""
+    scalar, axis = turns[:, :1], turns[:, 1:]
+    return vectors + 2.0 * np.cross(axis, np.cross(axis, vectors) + scalar * vectors)
+
+
+def _smooth(time: Array, values: Array, weights: Array) -> Array:
+    """(T, k) what lasts of values (T, k), weighted by (T,), over twice the time in which steps average out."""
+    from scipy.interpolate import make_smoothing_spline  # takes long to import
+
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    return np.asarray(
+        make_smoothing_spline(time, values, weights, lam=(2.0 * CALM) ** 4 / step)(time), dtype=np.float64
+    )

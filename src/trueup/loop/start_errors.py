@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far off starts are that were reckoned from other channels: the simulator shows it on runs of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.instant import at_instant
+from trueup.loop.problem import Problem
+from trueup.noise import OF_MEDIAN
+from trueup.reckoned import RATE_OF, RECKONED, reckoned_as, reckoned_of
+from trueup.recording import Recording
+from trueup.trial import Observed, Trial
+
+_LOOKS = 100  # instants of a run at which starts are looked at: their median is then known to a tenth
+
+
+def with_start_errors(problem: Problem, values: Array) -> Problem:
+    """The problem whose trials know by how much what was reckoned of their starts is off (`Trial.initial_sd`).
+
+    Feet sink in, slip and leave the ground, and what an accelerometer shows while a robot walks is not gravity alone: none of
+    this is seen in how far samples scatter. So commands are simulated at values (n,), what was reckoned is reckoned anew
+    from that, and held against what the simulator did: a parametric bootstrap (B. Efron and R. Tibshirani, An Introduction
+    to the Bootstrap, 1993), of medians, since a simulator that is not yet calibrated may fall.
+    """
+    found: dict[str, list[Array]] = {}
+    for name, errors in _errors(problem, values):
+        found.setdefault(name, []).append(np.abs(errors))
+    if not found:
+        return problem
+    known = {name: OF_MEDIAN * np.median(np.concatenate(errors, axis=1), axis=1) for name, errors in found.items()}
+    trials = [
+        replace(t, initial_sd={n: sd for n, sd in known.items() if n in reckoned_of(problem.recordings[k])})
+        for t, k in zip(problem.trials, problem.owners, strict=True)
+    ]
+    return problem.replayed_by(trials, problem.owners)
+
+
+def _errors(problem: Problem, values: Array) -> Iterator[tuple[str, Array]]:
+    """Channels that were reckoned, each with (2, T, k) errors of its values and speeds in a simulated run."""
+    trials = [t for t, k in zip(problem.trials, problem.owners, strict=True) if reckoned_of(problem.recordings[k])]
+    owners = [problem.recordings[k] for k in problem.owners if reckoned_of(problem.recordings[k])]
+    watched = [_watched(problem, t, r) for t, r in zip(trials, owners, strict=True)]
+    for run, recording in zip(problem.simulator.rollout(watched, values[None]) if watched else (), owners, strict=True):
+        seen, gone = run.recording(), reckoned_of(recording)
+        told = seen.replace(channels={n: c for n, c in seen.channels.items() if n not in gone})
+        again = None if run.failures else reckoned_as(problem.simulator, told)
+        if again is None:
+            continue
+        for name in gone & seen.channels.keys():
+            own, rates = again.channel(name), again.channels.get(name + RATE_OF)
+            looks = np.linspace(own.time[0], own.time[-1], _LOOKS)
+            pairs = [(at_instant(own, rates, t), at_instant(seen.channel(name), None, t)) for t in looks.tolist()]
+            yield name, np.array([[a.value - b.value for a, b in pairs], [a.speed - b.speed for a, b in pairs]])
+
+
+def _watched(problem: Problem, trial: Trial, recording: Recording) -> Trial:
+    """The trial, observing all that the simulator has of its recording, what was reckoned too."""
+    whole = recording.replace(provenance={k: v for k, v in recording.provenance.items() if k != RECKONED})
+    channels = (recording.channel(name) for name in problem.simulator.observable(whole))
+    return replace(trial, observed={c.name: Observed(c.labels, c.unit, c.time) for c in channels})
