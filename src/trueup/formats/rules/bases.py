@@ -90,17 +90,27 @@ OTHERS = TOOLS | listed(
 )
 
 
-_INERTIAL = listed("imu gyro gyroscope accel accelerometer acc")
+INERTIAL = listed("imu gyro gyroscope gyr accel accelerometer acc omega")
+"""Words for what an inertial unit measures."""
+TURNS = listed("quat quaternion orientation ori rotation rot attitude") | EULER
+"""Words for how something is turned."""
 
 
-def sensor_labels(column: Column) -> tuple[str, ...]:
-    """Labels of a list that is an inertial unit's: x, y, z of three numbers, w, x, y, z of a quaternion; () for any other."""
-    if not _INERTIAL & set(column.parts.words):
+def sensor_labels(group: Sequence[Column]) -> tuple[str, ...]:
+    """Labels of what an inertial unit measures, in a list or in columns that are numbered: x, y, z of three numbers, or roll,
+    pitch, yaw, and w, x, y, z of a quaternion; () for anything else.
+    """
+    plain, width = {word for c in group for word in c.parts.words}, sum(c.width for c in group)
+    if not plain & (INERTIAL | TURNS) or (len(group) > 1 and not all(_numbered(c) for c in group)):
         return ()
-    if column.width == len(_PLACES):
-        return _PLACES
-    quaternion = column.values.ndim > 1 and column.width == len(_QUATERNION) and is_unit(column.values)
-    return tuple(_order((column,))) if quaternion else ()
+    if width == len(_PLACES):
+        return _ANGLES if plain & EULER else _PLACES if plain & INERTIAL else ()
+    values = np.hstack([c.values if c.values.ndim > 1 else c.values[:, None] for c in group])
+    return tuple(_order(group)) if width == len(_QUATERNION) and is_unit(values) else ()
+
+
+def _numbered(column: Column) -> bool:
+    return column.width == 1 and (column.parts.bare or [""])[-1].isdigit()
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules import joints
-from trueup.formats.rules.bases import of_place
+from trueup.formats.rules.bases import INERTIAL, of_place, sensor_labels
 from trueup.formats.rules.families import Named
 from trueup.formats.rules.names import AXES, axes, words
 from trueup.formats.rules.rule import Column, Example
@@ -41,6 +41,13 @@ EXAMPLES = (
     # What Franka's interface calls its motors' angles, before their springs.
     Example("t,q[0],q[1],q_d[0],q_d[1],theta[0],theta[1]", "0 .1 .2 .1 .2 .1 .1|.1 .2 .3 .2 .3 .2 .3|.2 .1 .2 .1 .2 .2 .2",
             "command[rad] joint_0 joint_1; position[rad] joint_0 joint_1; theta[] 0 1"),
+    # Of four joints or more three numbers of an inertial unit are its axes; of three joints they are theirs.
+    Example("t,q[0],q[1],q[2],q[3],q_d[0],q_d[1],q_d[2],q_d[3],omega[0],omega[1],omega[2],quat[0],quat[1],quat[2],quat[3]",
+            "0 .1 .2 0 0 .1 .2 0 0 1 2 3 1 0 0 0|.01 .2 .3 0 1 .2 .3 0 1 1 2 2 .8 .6 0 0|.02 .3 .4 1 0 .3 .4 1 0 2 2 3 1 0 0 0",
+            "position[rad] joint_0 joint_1 joint_2 joint_3; omega[] x y z; quat[] w x y z"),
+    Example("t,q[0],q[1],q[2],q_d[0],q_d[1],q_d[2],omega[0],omega[1],omega[2]",
+            "0 .1 .2 0 .1 .2 0 1 2 3|.01 .2 .3 0 .2 .3 0 1 2 2|.02 .3 .4 1 .3 .4 1 2 2 3",
+            "position[rad] joint_0 joint_1 joint_2; velocity[rad/s] joint_0 joint_1 joint_2"),
     # Slides along x, y and z are joints.
     Example("t,pos_x,pos_y,pos_z,cmd_x,cmd_y,cmd_z,vel_x,vel_y,vel_z",
             "0 .1 .2 .1 .1 .2 .1 1 1 1|.01 .2 .3 .2 .2 .3 .2 1 1 2|.02 .3 .4 .3 .4 .4 .3 2 1 1",
@@ -167,7 +174,8 @@ def without_doubles(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor or tool, also
-    those along x, y and z of one thing (gyro_x_rad/s, gyro_y_rad/s, gyro_z_rad/s).
+    those along x, y and z of one thing (gyro_x_rad/s, gyro_y_rad/s, gyro_z_rad/s), and three numbers of what an inertial
+    unit measures, where there are more joints (omega[0], omega[1], omega[2]).
 
     Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
     """
@@ -177,6 +185,11 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
         if p.role in _OF_SENSORS and p.label not in labels:
             thing, axis = _along(p.label)
             along.setdefault(thing, set()).update(axis)
+    rows: dict[tuple[str, ...], list[Column]] = {}
+    for p in proposals:
+        if p.role in _OF_SENSORS and INERTIAL & set(p.column.parts.words):
+            rows.setdefault(tuple(w for w in p.column.parts.words if not w.isdigit()), []).append(p.column)
+    counted = {c for row in rows.values() if len(row) == 3 < len(labels) and sensor_labels(row) for c in row}
     wholes = {thing for thing, axis in along.items() if axis == _PLACES}
     names = {p.column.name.lower() for p in proposals}
     found = []
@@ -185,7 +198,7 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
         whole = p.label not in labels and _along(p.label)[0] in wholes
         sensor = (pushes or p.role in _OF_SENSORS) and (p.label in AXES - labels or whole)
         heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
-        found.append(own(p.column) if sensor or heads else p)
+        found.append(own(p.column) if sensor or heads or p.column in counted else p)
     return found
 
 

@@ -213,6 +213,9 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if width > 1:
         return tuple(f"joint_{i + 1}" for i in range(width))
     total, first = _weight(group), group[0].column
+    of_sensor = () if group[0].role else bases.sensor_labels([member.column for member in group])
+    if of_sensor:
+        return of_sensor
     if all(member.column.width == 1 for member in group):
         labels, known = tuple(member.label for member in group), first.table.labels
         counted = [tuple(f"joint_{k + start}" for k in range(total)) for start in (0, 1)]
@@ -220,9 +223,8 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if len(group) == 1 and first.name in first.table.named:
         return joints.joint_labels(first.table.named[first.name])
     known = first.table.labels
-    of_sensor = () if group[0].role else bases.sensor_labels(first)
     counted = in_parts(group) if group[0].role else tuple(f"{i + 1}" for i in range(total))  # four feet are no joints
-    return of_sensor or (known if len(known) == total else counted)
+    return known if len(known) == total else counted
 
 
 def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:
