@@ -7,9 +7,10 @@ import re
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from trueup.articulated.inertial import together, with_inertial_units
-from trueup.articulated.pose import quaternion_of, turning
+from trueup.articulated.pose import quaternion_of, turning, up_of
 from trueup.recording import Channel, Recording
 from trueup.units import to_si
 
@@ -78,3 +79,21 @@ def test_how_a_gyro_is_mounted_shows_in_what_it_turns() -> None:
     assert found is not None
     assert found.axes == pytest.approx(onto, abs=0.05)
     assert found.fits > 0.95
+
+
+@pytest.mark.parametrize(("size", "unit"), [(1.0, "rad/s"), (_DEGREES, "deg/s")])
+def test_gravity_that_turns_tells_the_unit_of_a_gyro(size: float, unit: str) -> None:
+    def seen(up: NDArray[np.float64]) -> tuple[Recording, list[str]]:
+        sways, rng = _sways(gyro=size).without("base_orientation"), np.random.default_rng(1)
+        pushes = 1.5 * rng.normal(size=(len(_TIME), 3))
+        acc = sways.channel("acc").replace(values=9.81 * up + pushes)
+        (found,), notes = with_inertial_units([sways.with_channel(acc)])
+        return found, notes
+
+    turns = np.array([0.1, 0.07, 0.2]) * np.sin(np.outer(_TIME, [2.0, 3.1, 0.9]))
+    found, notes = seen(up_of(quaternion_of(turns)))
+    assert found.channel("gyro").unit == "rad/s"
+    assert found.channel("gyro").values == pytest.approx(_sways().channel("gyro").values, rel=1e-3, abs=1e-3)
+    assert f"turns as it does in {unit}" in notes[1]
+    found, _ = seen(np.tile([0.0, 0.0, 1.0], (len(_TIME), 1)))  # gravity that does not turn tells nothing
+    assert found.channel("gyro").unit == ""

@@ -11,10 +11,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, QUATERNION, quaternion_of, rotation_between
+from trueup.evidence import STANDARD_ERRORS
 from trueup.inspection.relations import CORRELATED, nearest
 from trueup.inspection.sensors import is_accelerometer, is_gyro
 from trueup.inspection.sliding import STRIDE
+from trueup.reckoned import reckoned_of
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 from trueup.samples import between, is_unit
 from trueup.units import GRAVITY, to_si
 
@@ -71,8 +74,7 @@ def together(gyro: Channel, orientation: Channel) -> Together | None:
     if np.count_nonzero(good) < 3 or len(time) < 20:
         return None
     values = gyro.values[good] - np.median(gyro.values[good], axis=0)
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(gyro.time[good])[:, None]
-    angles = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    angles = _summed(gyro.time[good], values)
     by_gyro = between(time + STRIDE, gyro.time[good], angles) - between(time, gyro.time[good], angles)
     by_pose = _turns(orientation, time)
     known = np.isfinite(by_pose).all(axis=1)
@@ -88,9 +90,11 @@ def together(gyro: Channel, orientation: Channel) -> Together | None:
 
 
 def orientations(recording: Recording) -> dict[str, Channel]:
-    """Its orientations as quaternions w, x, y, z, by their channels' names."""
-    found = {}
+    """Its orientations as quaternions w, x, y, z, by their channels' names; not what was reckoned from a gyro itself."""
+    found, gone = {}, reckoned_of(recording)
     for name, c in recording.channels.items():
+        if name in gone:
+            continue
         if set(c.labels) == set(ANGLES) and c.unit == "rad":
             found[name] = c.replace(labels=QUATERNION, unit="", values=quaternion_of(c.select(ANGLES).values))
         elif set(c.labels) == set(QUATERNION) and is_unit(c.values[np.isfinite(c.values).all(axis=1)]):
@@ -144,6 +148,12 @@ def _rate(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
                 f"it turns {size:.3g} times as far as '{seen[0][1]}' does in rad, as a gyro in {unit}: {_say(unit)}",
             )
         return "", f"it turns {size:.3g} times as far as '{seen[0][1]}' does in rad"
+    unit, beside = _by_gravity(name, recordings)
+    if unit:
+        return (
+            unit,
+            f"what '{beside}' shows of gravity turns as it does in {unit}: {_say(unit)}",
+        )
     largest = max(float(np.nanmax(np.abs(r.channels[name].values), initial=0.0)) for r in recordings)
     if largest > _FASTEST:
         return (
@@ -151,6 +161,54 @@ def _rate(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
             f"it reaches {largest:.4g}, and gyros of robots {_FASTEST:g} rad/s: {_say('deg/s')}",
         )
     return "", ""
+
+
+def _by_gravity(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
+    """The unit of a gyro by how the gravity turns that an accelerometer beside it shows, and that; '' where nothing tells.
+
+    Least squares of the changes from stride to stride, of which the mean over each is taken: units are so far apart that a
+    slope which is not clearly zero, and is pushed about by what else accelerates, still tells them.
+    """
+    turned, seen, beside = [], [], ""
+    for r in recordings:
+        others = [
+            n for n, c in r.channels.items() if n != name and is_accelerometer(c) and tuple(sorted(c.labels)) == AXES
+        ]
+        gyro = r.channels[name].select(AXES)
+        if (
+            len(others) != 1
+            or not np.isfinite(gyro.values).all()
+            or not np.isfinite(r.channels[others[0]].values).all()
+        ):
+            continue
+        beside, pulls = others[0], r.channels[others[0]].select(AXES)
+        time = np.arange(max(gyro.time[0], pulls.time[0]), min(gyro.time[-1], pulls.time[-1]) - STRIDE, STRIDE)
+        if len(time) < 3:
+            continue
+        up = between(gyro.time, pulls.time, pulls.values / np.median(_calm(pulls)))
+        rates = np.cross(up, gyro.values - np.median(gyro.values, axis=0))
+        turned.append(np.diff(_means(time, gyro.time, _summed(gyro.time, rates)), axis=0).ravel())
+        seen.append(np.diff(_means(time, gyro.time, up), axis=0).ravel())
+    if not turned:
+        return "", ""
+    x, y = np.concatenate(turned), np.concatenate(seen)
+    slope = float(x @ y) / max(float(x @ x), TINY)
+    error = math.sqrt(float(np.sum((y - slope * x) ** 2)) / max(float(x @ x), TINY) / len(x))
+    if slope < STANDARD_ERRORS * error:
+        return "", ""
+    return min(("rad/s", "deg/s"), key=lambda unit: abs(math.log(slope * RATES[unit]))), beside
+
+
+def _summed(time: Array, rates: Array) -> Array:
+    """(T, 3) what rates (T, 3) come to since the first instant."""
+    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(time)[:, None]
+    return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+
+
+def _means(begins: Array, time: Array, values: Array) -> Array:
+    """(n, 3) means of values (T, 3) over a stride from each instant on."""
+    sums = _summed(time, values)
+    return (between(begins + STRIDE, time, sums) - between(begins, time, sums)) / STRIDE
 
 
 def _say(unit: str) -> str:

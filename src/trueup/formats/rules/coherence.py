@@ -43,7 +43,7 @@ EXAMPLES = (
             "command[rad] joint_0 joint_1; position[rad] joint_0 joint_1; theta[] 0 1"),
     # Of four joints or more three numbers of an inertial unit are its axes; of three joints they are theirs.
     Example("t,q[0],q[1],q[2],q[3],q_d[0],q_d[1],q_d[2],q_d[3],omega[0],omega[1],omega[2],quat[0],quat[1],quat[2],quat[3]",
-            "0 .1 .2 0 0 .1 .2 0 0 1 2 3 1 0 0 0|.01 .2 .3 0 1 .2 .3 0 1 1 2 2 .8 .6 0 0|.02 .3 .4 1 0 .3 .4 1 0 2 2 3 1 0 0 0",
+            "0 1 2 0 0 1 2 0 0 1 2 3 1 0 0 0|.01 2 3 0 1 2 3 0 1 1 2 2 .8 .6 0 0|.02 3 4 1 0 3 4 1 0 2 2 3 1 0 0 0",
             "position[rad] joint_0 joint_1 joint_2 joint_3; omega[] x y z; quat[] w x y z"),
     Example("t,q[0],q[1],q[2],q_d[0],q_d[1],q_d[2],omega[0],omega[1],omega[2]",
             "0 .1 .2 0 .1 .2 0 1 2 3|.01 .2 .3 0 .2 .3 0 1 2 2|.02 .3 .4 1 .3 .4 1 2 2 3",
