@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.articulated.pose import angles_of, turning
+from trueup.articulated.pose import angles_of, turning, up_of
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.attitude import smoothed_attitude
@@ -149,6 +149,19 @@ def test_a_gyro_that_drifts_is_drawn_to_what_is_up_before_and_after(walked: tupl
         assert np.sqrt(np.mean((angles - truth)[:, :2] ** 2)) < 0.012
         assert np.abs(angles[0, :2] - truth[0, :2]).max() < 4e-3
         np.testing.assert_allclose(turning(angles, changes)[:, :2].mean(axis=0), rates[:, :2].mean(axis=0), atol=0.02)
+
+
+def test_the_direction_of_gravity_and_a_gyro_tell_how_the_base_was_turned(walked: tuple[Path, Recording]) -> None:
+    path, recording = walked
+    turn = recording.channel("base_orientation")
+    gyro = Channel("base_ang_vel", ("x", "y", "z"), "", turn.time, recording.channel("gyro").values * [-1.0, -1.0, 1.0])
+    down = Channel("projected_gravity", ("x", "y", "z"), "", turn.time, -up_of(turn.values))
+    blind = recording.without("base_position").without("base_orientation").without("gyro").without("accelerometer")
+    (found,) = prepare(path, [blind.with_channel(gyro).with_channel(down)], propose=False).recordings
+    angles = angles_of(turn.values)
+    off = found.channel("base_orientation").values - angles
+    assert np.abs(off[:, :2]).max() < 1e-3
+    assert np.abs(off[:, 2] - off[0, 2]).max() < 0.01
 
 
 def test_a_robot_that_hangs_is_held_as_before(tmp_path: Path) -> None:

@@ -172,7 +172,7 @@ def _by_gravity(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
     turned, seen, beside = [], [], ""
     for r in recordings:
         others = [
-            n for n, c in r.channels.items() if n != name and is_accelerometer(c) and tuple(sorted(c.labels)) == AXES
+            n for n, c in r.channels.items() if n != name and _shows_gravity(c) and tuple(sorted(c.labels)) == AXES
         ]
         gyro = r.channels[name].select(AXES)
         if (
@@ -197,6 +197,10 @@ def _by_gravity(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
     if slope < STANDARD_ERRORS * error:
         return "", ""
     return min(("rad/s", "deg/s"), key=lambda unit: abs(math.log(slope * RATES[unit]))), beside
+
+
+def _shows_gravity(channel: Channel) -> bool:
+    return is_accelerometer(channel) or "gravity" in channel.name
 
 
 def _summed(time: Array, rates: Array) -> Array:

@@ -8,10 +8,23 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.inertial import CALM
-from trueup.articulated.pose import angles_of, product, quaternion_of, quaternions_of_vectors, rates_of
+from trueup.articulated.pose import (
+    ANGLES,
+    AXES,
+    ORIENTATION,
+    angles_of,
+    product,
+    quaternion_of,
+    quaternions_of_vectors,
+    rates_of,
+)
+from trueup.ends import TILT
 from trueup.engines.mujoco.setup.stance import BEGINNING
+from trueup.formats.rules.names import words
+from trueup.inspection.sensors import is_gyro
+from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
-from trueup.samples import unwound
+from trueup.samples import between, unwound
 from trueup.units import GRAVITY
 
 _FEWEST = 5  # samples of a smoothing spline
@@ -38,6 +51,33 @@ def smoothed_attitude(time: Array, rates: Array, pulls: Array) -> tuple[Array, A
         turns = product(quaternions_of_vectors(np.pad(_smooth(time, tilt, weights), ((0, 0), (0, 1)))), turns)
     angles = unwound(angles_of(turns))
     return angles, rates_of(angles, rates)
+
+
+def by_gravity(recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
+    """Roll, pitch and yaw by where gravity points for the body, as learned controllers are told (`projected_gravity`), with
+    yaw by a gyro in rad/s from 0 on; and what told them. None where either is not there, or there twice.
+    """
+    wanted = {
+        n: c for n, c in recording.channels.items() if tuple(sorted(c.labels)) == AXES and np.isfinite(c.values).all()
+    }
+    shown = [name for name in wanted if "gravity" in words(name)]
+    gyros = [name for name, c in wanted.items() if c.unit == "rad/s" and is_gyro(name)]
+    if len(shown) != 1 or len(gyros) != 1:
+        return None
+    gravity, gyro = (wanted[name].select(AXES) for name in (*shown, *gyros))
+    up = -gravity.values / np.maximum(np.linalg.norm(gravity.values, axis=1, keepdims=True), TINY)
+    up *= np.sign(np.median(up[:, 2]))  # some log what holds it up
+    if np.median(up[:, 2]) < np.cos(TILT):
+        return None
+    rates = between(
+        gravity.time, gyro.time, gyro.values - gyro.values[gyro.time <= gyro.time[0] + BEGINNING].mean(axis=0)
+    )
+    angles = np.stack(
+        [np.arctan2(up[:, 1], up[:, 2]), -np.arcsin(np.clip(up[:, 0], -1.0, 1.0)), np.zeros(len(up))], axis=1
+    )
+    turns = rates_of(angles, rates)[:, 2]
+    angles[1:, 2] = np.cumsum(0.5 * (turns[1:] + turns[:-1]) * np.diff(gravity.time))
+    return Channel(ORIENTATION, ANGLES, "rad", gravity.time, unwound(angles)), (f"'{shown[0]}'", f"'{gyros[0]}'")
 
 
 def _drift(time: Array, rates: Array, pulls: Array) -> Array:

@@ -23,7 +23,7 @@ from trueup.articulated.pose import (
 from trueup.ends import TILT
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.setup.attitude import smoothed_attitude
+from trueup.engines.mujoco.setup.attitude import by_gravity, smoothed_attitude
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
@@ -135,6 +135,8 @@ def _turning(model: Model, recording: Recording) -> tuple[Channel, Channel | Non
         channel = in_angles(recording.with_channel(told.replace(name=ORIENTATION))).channel(ORIENTATION)
         return (channel, None, (f"'{told.name}'",)) if channel.labels == ANGLES else None
     (recording,), _ = with_inertial_units([recording])
+    if (shown := by_gravity(recording)) is not None:
+        return shown[0], None, shown[1]
     kinds = model.sensors()
     found = {}
     for name, sensor in sensed([recording], kinds).items():
