@@ -123,6 +123,36 @@ def test_the_robot_replays_from_there_and_is_not_compared_with_what_was_reckoned
     assert rest[0] < 0.2 * rest[1]
 
 
+@pytest.mark.parametrize("unseen", [_TURNING, ("base_orientation",)])
+def test_where_a_log_begins_in_the_middle_of_a_walk_short_replays_tell_that_it_was_on_its_feet(
+    walked: tuple[Path, Recording], unseen: tuple[str, ...]
+) -> None:
+    path, recording = walked
+    blind = recording.slice(2.05, 3.4)
+    truth = angles_of(blind.channel("base_orientation").values)
+    for name in ("base_position", *unseen):
+        blind = blind.without(name)
+    ready = prepare(path, [blind], propose=False)
+    (found,) = ready.recordings
+    assert found.has("base_position")
+    assert any("0.2 s ahead joints are foretold" in str(n) for n in ready.notes)
+    assert np.sqrt(np.mean((found.channel("base_orientation").values - truth)[:, :2] ** 2)) < 0.03
+
+
+def test_a_robot_that_is_told_torques_is_known_to_walk_by_short_replays(
+    walked: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    _, recording = walked
+    (tmp_path / "dog.xml").write_text(_DOG.replace("<position", "<motor").replace(' kp="25"', ""))
+    command, position = recording.channel("command"), recording.channel("position")
+    torque = 25.0 * (command.values - position.values)
+    told = Channel("command_torque", position.labels, "N m", position.time, torque)
+    blind = recording.without("base_position").without("command").with_channel(told)
+    ready = prepare(tmp_path / "dog.xml", [blind], propose=False)
+    assert ready.recordings[0].has("base_position")
+    assert any("0.2 s ahead joints are foretold" in str(n) for n in ready.notes)
+
+
 def test_it_is_known_how_far_off_is_what_was_reckoned(walked: tuple[Path, Recording]) -> None:
     _, recording = walked
     ready = _blind(walked, ("base_position", "base_orientation"))
@@ -166,14 +196,15 @@ def test_the_direction_of_gravity_and_a_gyro_tell_how_the_base_was_turned(walked
 
 def test_a_robot_that_hangs_is_held_as_before(tmp_path: Path) -> None:
     (tmp_path / "dog.xml").write_text(_DOG)
-    time = np.arange(0.0, 2.0, 0.01)
+    time = np.arange(0.0, 3.0, 0.01)
     hung = {
         "command": Channel("command", _JOINTS, "rad", time, _trot(time)),
         "position": Channel("position", _JOINTS, "rad", time, _trot(time)),
         "base_orientation": Channel("base_orientation", ("w", "x", "y", "z"), "", time, np.eye(4)[[0] * len(time)]),
     }
-    notes = prepare(tmp_path / "dog.xml", [Recording("hung", hung)], propose=False).notes
-    assert any("it is held in the air" in str(n) for n in notes)
+    for hangs in (Recording("hung", hung), Recording("hung", hung).slice(1.9, 3.0)):  # from rest, and not
+        notes = prepare(tmp_path / "dog.xml", [hangs], propose=False).notes
+        assert any("it is held in the air" in str(n) for n in notes)
 
 
 def test_legs_and_joints_that_were_mixed_up_are_named(walked: tuple[Path, Recording]) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Mask
 from trueup.articulated.inertial import CALM
 from trueup.articulated.pose import (
     ANGLES,
@@ -22,6 +22,8 @@ from trueup.ends import TILT
 from trueup.engines.mujoco.setup.stance import BEGINNING
 from trueup.formats.rules.names import words
 from trueup.inspection.sensors import is_gyro
+from trueup.instant import MOVING
+from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import between, unwound
@@ -37,14 +39,15 @@ def smoothed_attitude(time: Array, rates: Array, pulls: Array) -> tuple[Array, A
 
     The gyro tells all that is quick. What it drifts is drawn, by a smoothing spline (C. H. Reinsch, Numerische Mathematik 10,
     1967), to where the accelerometer has what is up, before and after each instant: by what it measures as it is and not by
-    the direction of that, since forces of many steps add up to the weight, their directions do not. The beginning, at rest,
+    the direction of that, since forces of many steps add up to the weight, their directions do not. A rest at the beginning
     counts as much more as it scatters less.
     """
-    first = time <= time[0] + BEGINNING
-    rates = rates - rates[first].mean(axis=0)  # what a gyro shows at rest is its error
-    rates = rates + _drift(time, rates, pulls)
-    turns = _turned(time, rates, pulls)
-    weights = np.where(first, np.var(pulls, axis=0).sum() / max(np.var(pulls[first], axis=0).sum(), TINY), 1.0)
+    rates, rests = _from_rest(time, rates)
+    upright = _upright(pulls[rests if rests.any() else time <= time[0] + CALM].mean(axis=0))
+    rates = rates + _drift(time, rates, pulls, upright)
+    turns = _turned(time, rates, upright)
+    calm = np.var(pulls[rests], axis=0).sum() if rests.any() else 1.0
+    weights = np.where(rests, np.var(pulls, axis=0).sum() / max(calm, TINY), 1.0)
     for _ in range(_ROUNDS if len(time) >= _FEWEST else 0):
         up = _in_world(turns, pulls) / GRAVITY
         tilt = np.stack([up[:, 1], -up[:, 0]], axis=1)
@@ -69,9 +72,7 @@ def by_gravity(recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
     up *= np.sign(np.median(up[:, 2]))  # some log what holds it up
     if np.median(up[:, 2]) < np.cos(TILT):
         return None
-    rates = between(
-        gravity.time, gyro.time, gyro.values - gyro.values[gyro.time <= gyro.time[0] + BEGINNING].mean(axis=0)
-    )
+    rates = between(gravity.time, gyro.time, _from_rest(gyro.time, gyro.values)[0])
     angles = np.stack(
         [np.arctan2(up[:, 1], up[:, 2]), -np.arcsin(np.clip(up[:, 0], -1.0, 1.0)), np.zeros(len(up))], axis=1
     )
@@ -80,11 +81,19 @@ def by_gravity(recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
     return Channel(ORIENTATION, ANGLES, "rad", gravity.time, unwound(angles)), (f"'{shown[0]}'", f"'{gyros[0]}'")
 
 
-def _drift(time: Array, rates: Array, pulls: Array) -> Array:
+def _from_rest(time: Array, rates: Array) -> tuple[Array, Mask]:
+    """A gyro's rates (T, 3) without what it shows at rest, its error, if it begins so; and (T,) which samples are that."""
+    first = time <= time[0] + BEGINNING
+    moves = np.any(np.std(rates[first], axis=0) > MOVING * estimate_noise(rates, time))
+    return (rates, np.zeros(len(time), dtype=np.bool_)) if moves else (rates - rates[first].mean(axis=0), first)
+
+
+def _drift(time: Array, rates: Array, pulls: Array, upright: Array) -> Array:
     """(3,) rad/s that are to be added to a gyro's rates for gravity to stay where it is, in the mean: a complementary filter
-    (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one) has to add so much.
+    (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one) has to add so much, which
+    begins with the quaternion `upright` (4,).
     """
-    turn, matrix, added = _first(time, pulls), np.empty(9), np.zeros(3)
+    turn, matrix, added = upright.copy(), np.empty(9), np.zeros(3)
     for i, dt in enumerate(np.diff(time).tolist()):
         mujoco.mju_quat2Mat(matrix, turn)
         more = np.cross(pulls[i] / GRAVITY, matrix[6:]) / CALM
@@ -93,9 +102,9 @@ def _drift(time: Array, rates: Array, pulls: Array) -> Array:
     return np.asarray(added / (time[-1] - time[0]), dtype=np.float64)
 
 
-def _turned(time: Array, rates: Array, pulls: Array) -> Array:
-    """(T, 4) quaternions by the gyro alone."""
-    turn, turns = _first(time, pulls), np.empty((len(time), 4))
+def _turned(time: Array, rates: Array, upright: Array) -> Array:
+    """(T, 4) quaternions by the gyro alone, from the first on."""
+    turn, turns = upright.copy(), np.empty((len(time), 4))
     turns[0] = turn
     for i, dt in enumerate(np.diff(time).tolist()):
         mujoco.mju_quatIntegrate(turn, 0.5 * (rates[i] + rates[i + 1]), dt)
@@ -103,9 +112,8 @@ def _turned(time: Array, rates: Array, pulls: Array) -> Array:
     return turns
 
 
-def _first(time: Array, pulls: Array) -> Array:
-    """(4,) the quaternion at the first instant: upright as the accelerometer has it while it is calm."""
-    up = pulls[time <= time[0] + BEGINNING].mean(axis=0)
+def _upright(up: Array) -> Array:
+    """(4,) the quaternion, without yaw, of a body for which what points up is along (3,)."""
     return quaternion_of(np.array([np.arctan2(up[1], up[2]), np.arctan2(-up[0], np.hypot(up[1], up[2])), 0.0]))
 
 

@@ -28,6 +28,7 @@ from trueup.engines.mujoco.setup.floor import Reach
 from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
 from trueup.engines.mujoco.setup.stance import stood
+from trueup.engines.mujoco.setup.treading import trod
 from trueup.formats.rules.bases import OTHERS, SOURCES
 from trueup.formats.rules.names import listed, words
 from trueup.inspection.sensors import sensed
@@ -45,26 +46,29 @@ def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Record
 
     How it was turned is told by `base_orientation`, or by a gyro and an accelerometer on the base. The lowest point is on
     the floor and stands still, so that the base goes against how that moves. As they are where the robot may have hung, as
-    `stance.stood` tells, where something else than a plane is around it, or any recording lacks what is needed.
+    `stance.stood` and `treading.trod` tell, where something else than a plane is around it, or any recording lacks what is
+    needed.
     """
     result = list(recordings)
     if free_joint(model.compiled) < 0 or not result or any(r.has(POSITION) for r in result):
         return result, []
     reach = on_a_plane(model)
-    against = "" if reach is None else stood(model, held(model, result).compiled, result)
-    if reach is None or not against:
+    found = [] if reach is None else [_with_pose(model, reach, r) for r in result]
+    known = [f for f in found if f is not None]
+    if not known or len(known) < len(found):
         return result, []
-    found = [_with_pose(model, reach, r) for r in result]
-    if any(f is None for f in found):
+    hanging = held(model, result).compiled
+    against = stood(model, hanging, result) or trod(model, hanging, [f[0] for f in known])
+    if not against:
         return result, []
-    how = sorted({what for f in found if f is not None for what in f[1]})
+    how = sorted({what for f in known for what in f[1]})
     note = (
         f"no recording tells where the base was, and it stood on the floor ({against}): its pose is reckoned from "
         f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin there, as "
         f"near to it as the model itself is reckoned, and are not compared with it. If it hopped, or feet slipped for long, "
         f"log {POSITION}; if it hung, refuse this"
     )
-    return [f[0] for f in found if f is not None], [note]
+    return [f[0] for f in known], [note]
 
 
 def with_pose(model: Model, recording: Recording) -> Recording | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.ends import TILT
+from trueup.engines.mujoco.attributes import is_motor
 from trueup.engines.mujoco.model import Model
 from trueup.evidence import HALVED
 from trueup.instant import STILL
@@ -58,21 +59,31 @@ def stood(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording])
 
 def _rest(model: Model, recording: Recording) -> _Rest | None:
     """The beginning of a recording, if the robot rested in it; None where drives are no position servos, too."""
-    command, drives = command_of(recording), model.drives()
-    if command is None or not recording.has("position"):
+    drives, command = told(model, recording), command_of(recording)
+    if not drives or command is None or command.unit in ("N m", "N"):
         return None
-    position = recording.channel("position")
-    labels = [x for x in command.labels if x in position.labels and drives.get(x)]
-    actuators = tuple(model.index("actuator", drives[x]) for x in labels)
-    everything = {i for i, name in enumerate(model.names("actuator")) if name}
-    if set(actuators) != everything or not all(model.is_position_servo(i) for i in actuators):
-        return None
-    early = [c.select(labels) for c in (command, position)]
-    told, was = (c.values[c.time <= recording.start + BEGINNING] for c in early)
-    if not (len(told) and len(was) and np.isfinite(told[0]).all() and np.isfinite(was).all()):
+    actuators = tuple(drives.values())
+    early = [c.select(list(drives)) for c in (command, recording.channel("position"))]
+    asked, was = (c.values[c.time <= recording.start + BEGINNING] for c in early)
+    if not (len(asked) and len(was) and np.isfinite(asked[0]).all() and np.isfinite(was).all()):
         return None
     # Commands that set out at once have not moved the joints yet.
-    return None if np.ptp(was, axis=0).max() > STILL else _Rest(actuators, told[0], was.mean(axis=0))
+    return None if np.ptp(was, axis=0).max() > STILL else _Rest(actuators, asked[0], was.mean(axis=0))
+
+
+def told(model: Model, recording: Recording) -> dict[str, int]:
+    """Joints that were commanded and measured, each with its actuator, where these are all that a model has, and take what
+    they are told: position servos a position, motors a torque or force; none elsewhere.
+    """
+    command, drives = command_of(recording), model.drives()
+    if command is None or not recording.has("position"):
+        return {}
+    position = recording.channel("position")
+    found = {x: model.index("actuator", drives[x]) for x in command.labels if x in position.labels and drives.get(x)}
+    everything = {i for i, name in enumerate(model.names("actuator")) if name}
+    by_torque = command.unit in ("N m", "N")
+    takes = (is_motor(model.compiled, i) if by_torque else model.is_position_servo(i) for i in found.values())
+    return found if set(found.values()) == everything and all(takes) else {}
 
 
 def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
