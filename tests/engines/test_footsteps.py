@@ -135,7 +135,7 @@ def test_where_a_log_begins_in_the_middle_of_a_walk_short_replays_tell_that_it_w
     ready = prepare(path, [blind], propose=False)
     (found,) = ready.recordings
     assert found.has("base_position")
-    assert any("0.2 s ahead joints are foretold" in str(n) for n in ready.notes)
+    assert any("% of the way" in str(n) for n in ready.notes)
     assert np.sqrt(np.mean((found.channel("base_orientation").values - truth)[:, :2] ** 2)) < 0.03
 
 
@@ -150,7 +150,7 @@ def test_a_robot_that_is_told_torques_is_known_to_walk_by_short_replays(
     blind = recording.without("base_position").without("command").with_channel(told)
     ready = prepare(tmp_path / "dog.xml", [blind], propose=False)
     assert ready.recordings[0].has("base_position")
-    assert any("0.2 s ahead joints are foretold" in str(n) for n in ready.notes)
+    assert any("% of the way" in str(n) for n in ready.notes)
 
 
 def test_it_is_known_how_far_off_is_what_was_reckoned(walked: tuple[Path, Recording]) -> None:

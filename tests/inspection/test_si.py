@@ -39,3 +39,10 @@ def test_each_label_has_its_own_unit_and_shares_stay_shares() -> None:
     np.testing.assert_allclose(found.channel("position").values[0], [np.pi / 2.0, 0.09])
     assert (found.channel("duty").unit, found.channel("duty").values[0, 0]) == ("%", pytest.approx(50.0))
     assert found.channel("ticks") is ticks
+
+
+def test_units_that_are_si_are_called_as_everywhere_else() -> None:
+    acc = Channel("acc", ("x",), "m/s2", np.arange(3.0), np.ones((3, 1)))
+    found = in_si(Recording("run", {"acc": acc})).channel("acc")
+    assert found.unit == "m/s^2"
+    np.testing.assert_array_equal(found.values, acc.values)

@@ -22,7 +22,7 @@ def _in_si(channel: Channel) -> Channel:
     found = [to_si(unit) if canonical(unit) is not None else (unit, 1.0, 0.0) for unit in (channel.unit, *said)]
     (unit, _, _), *each = [x if x[0] else (u, 1.0, 0.0) for x, u in zip(found, (channel.unit, *said), strict=True)]
     factors, offsets = (np.array([x[k] for x in each]) for k in (1, 2))
-    if np.all(factors == 1.0) and np.all(offsets == 0.0):
-        return channel
     units = tuple(x[0] for x in each) if channel.units else ()
+    if np.all(factors == 1.0) and np.all(offsets == 0.0):  # m/s2 is m/s^2
+        return channel if (unit, units) == (channel.unit, channel.units) else channel.replace(unit=unit, units=units)
     return channel.replace(unit=unit, units=units, values=channel.values * factors + offsets)

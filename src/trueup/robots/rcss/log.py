@@ -22,7 +22,7 @@ Told = Callable[[Percept], Mapping[str, Values]]
 
 _TOLD: Mapping[str, tuple[Told, str, tuple[str, ...]]] = {
     "gyro": (lambda p: p.gyros, "rad/s", AXES),
-    "accelerometer": (lambda p: p.accelerometers, "m/s2", AXES),
+    "accelerometer": (lambda p: p.accelerometers, "m/s^2", AXES),
     POSITION: (lambda p: p.positions, "m", AXES),
     ORIENTATION: (lambda p: p.orientations, "", QUATERNION),
 }

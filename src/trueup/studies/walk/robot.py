@@ -151,7 +151,7 @@ class StandInNao:
         logged = {
             "position": Observed(self.model.scalar_joints(), "rad", trial.start + time),
             "gyro": Observed(("gyro.x", "gyro.y", "gyro.z"), "rad/s", trial.start + time),
-            "accelerometer": Observed(tuple(f"accelerometer.{a}" for a in "xyz"), "m/s2", trial.start + time),
+            "accelerometer": Observed(tuple(f"accelerometer.{a}" for a in "xyz"), "m/s^2", trial.start + time),
         }  # fmt: skip
         height = LOW * float(self.model.compiled.key_qpos[0, 2])
         ends = (*(e for e in trial.ends if not isinstance(e, Fallen)), Fallen(height=height, tilt=TILT))
