@@ -103,6 +103,19 @@ def test_where_the_base_was_is_told_by_its_feet(walked: tuple[Path, Recording], 
     assert not any("held in the air" in str(n) for n in ready.notes)
 
 
+def test_positions_that_are_a_whole_state_are_parted_into_the_base_and_joints(walked: tuple[Path, Recording]) -> None:
+    path, recording = walked
+    place, turn, position = (recording.channel(n) for n in ("base_position", "base_orientation", "position"))
+    labels = tuple(f"joint_{k}" for k in range(19))
+    state = position.replace(labels=labels, values=np.hstack([place.values, turn.values, position.values]))
+    speeds = Channel("velocity", labels[:18], "", place.time, np.gradient(state.values[:, 1:], place.time, axis=0))
+    logged = recording.without("base_position").without("base_orientation").with_channel(state).with_channel(speeds)
+    (found,) = prepare(path, [logged], propose=False).recordings
+    np.testing.assert_allclose(found.channel("position").select(_JOINTS).values, position.select(_JOINTS).values)
+    np.testing.assert_allclose(found.channel("base_position").values, place.values)
+    assert found.channel("velocity").labels == found.channel("position").labels
+
+
 def test_the_robot_replays_from_there_and_is_not_compared_with_what_was_reckoned(
     walked: tuple[Path, Recording],
 ) -> None:

@@ -110,3 +110,16 @@ def test_lists_of_an_inertial_unit_have_the_labels_of_its_axes(tmp_path: Path) -
     (recording,) = read(tmp_path / "log.npz")
     assert recording.channel("imu_gyro").labels == ("x", "y", "z")
     assert recording.channel("imu_quat").labels == ("x", "y", "z", "w")
+
+
+def test_lists_of_a_base_beside_lists_of_joints_are_its_pose_and_its_speeds(tmp_path: Path) -> None:
+    rng, time = np.random.default_rng(0), 0.01 * np.arange(50)
+    lists = {"joint_pos": 8, "joint_vel": 8, "joint_targets": 8, "root_quat": 4, "root_ang_vel": 3, "root_pos": 3}
+    values = {name: rng.normal(0.0, 0.1, (50, width)) for name, width in lists.items()}
+    values["root_quat"] = np.tile([1.0, 0.0, 0.0, 0.0], (50, 1))
+    np.savez(tmp_path / "log.npz", time=time, **values)
+    (recording,) = read(tmp_path / "log.npz")
+    widths = {name: len(c.labels) for name, c in recording.channels.items()}
+    assert (widths["command"], widths["position"], widths["velocity"]) == (8, 8, 8)
+    np.testing.assert_array_equal(recording.channel("base_position").values, values["root_pos"])
+    assert recording.channel("root_ang_vel").labels == ("x", "y", "z")

@@ -41,6 +41,7 @@ from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
+from trueup.engines.mujoco.setup.states import with_states_parted
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
 from trueup.engines.mujoco.setup.torques_given import torques_given
@@ -132,10 +133,10 @@ class Articulated(Family):
         others = self.others(model)
         known = {*drives, *drives.values(), *others}
         as_named = (
-            ("names", lambda rs: gathered(rs, known)), ("spikes", without_lone_spikes),
-            ("tendons", lambda rs: with_joints_told(model, rs)), ("names", lambda rs: named_as(rs, drives, others)),
-            ("strangers", lambda rs: without_strangers(rs, drives, others)), ("gains", with_steady_gains),
-            ("feedforward", with_feedforward),
+            ("names", lambda r: with_states_parted(model, r)), ("names", lambda r: gathered(r, known)),
+            ("spikes", without_lone_spikes), ("tendons", lambda r: with_joints_told(model, r)),
+            ("names", lambda r: named_as(r, drives, others)), ("strangers", lambda r: without_strangers(r, drives, others)),
+            ("gains", with_steady_gains), ("feedforward", with_feedforward),
         )  # fmt: skip
         named, renamed = all_edited([*training, *held_out], as_named, refuse)
         taken, changed = suited(model, named)

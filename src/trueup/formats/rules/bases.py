@@ -92,6 +92,8 @@ OTHERS = TOOLS | listed(
 
 INERTIAL = listed("imu gyro gyroscope gyr accel accelerometer acc omega")
 """Words for what an inertial unit measures."""
+_ALONG = INERTIAL | listed("ang angular lin linear gravity")
+"""And for what else is along three axes."""
 TURNS = listed("quat quaternion orientation ori rotation rot attitude") | EULER
 """Words for how something is turned."""
 
@@ -101,10 +103,10 @@ def sensor_labels(group: Sequence[Column]) -> tuple[str, ...]:
     pitch, yaw, and w, x, y, z of a quaternion; () for anything else.
     """
     plain, width = {word for c in group for word in c.parts.words}, sum(c.width for c in group)
-    if not plain & (INERTIAL | TURNS) or (len(group) > 1 and not all(_numbered(c) for c in group)):
+    if not plain & (_ALONG | TURNS) or (len(group) > 1 and not all(_numbered(c) for c in group)):
         return ()
     if width == len(_PLACES):
-        return _ANGLES if plain & EULER else _PLACES if plain & INERTIAL else ()
+        return _ANGLES if plain & EULER else _PLACES if plain & _ALONG else ()
     values = np.hstack([c.values if c.values.ndim > 1 else c.values[:, None] for c in group])
     return tuple(_order(group)) if width == len(_QUATERNION) and is_unit(values) else ()
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules import joints
-from trueup.formats.rules.bases import INERTIAL, of_place, sensor_labels
+from trueup.formats.rules.bases import INERTIAL, SOURCES, of_place, sensor_labels
 from trueup.formats.rules.families import Named
 from trueup.formats.rules.names import AXES, axes, words
 from trueup.formats.rules.rule import Column, Example
@@ -209,7 +209,13 @@ def _along(label: str) -> tuple[tuple[str, ...], frozenset[str]]:
 
 
 def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints."""
+    """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints; a list
+    of three is one, or the base's speeds, where another one is of joints.
+    """
+    lists = [p for p in proposals if p.role in _MEASURED_OF_JOINTS and p.column.values.ndim > 1]
+    based = {p.column for p in lists if p.column.width == 3 and _of_a_base(p.column)}
+    joined = {p.role for p in lists if p.column not in based}
+    proposals = [own(p.column) if p.column in based and p.role in joined else p for p in proposals]
     driven = {p.label for p in proposals if p.role.startswith("command") or p.role in ("torque", "current")}
     found: dict[str, set[str]] = {}
     for p in proposals:
@@ -227,6 +233,10 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
         else p
         for p in proposals
     ]
+
+
+def _of_a_base(column: Column) -> bool:
+    return any(source & set(column.parts.words) for source in SOURCES)
 
 
 def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:
