@@ -117,7 +117,7 @@ def test_lists_of_a_base_beside_lists_of_joints_are_its_pose_and_its_speeds(tmp_
     lists = {"joint_pos": 8, "joint_vel": 8, "joint_targets": 8, "root_quat": 4, "root_ang_vel": 3, "root_pos": 3}
     values = {name: rng.normal(0.0, 0.1, (50, width)) for name, width in lists.items()}
     values["root_quat"] = np.tile([1.0, 0.0, 0.0, 0.0], (50, 1))
-    np.savez(tmp_path / "log.npz", time=time, **values)
+    np.savez(tmp_path / "log.npz", allow_pickle=False, time=time, **values)
     (recording,) = read(tmp_path / "log.npz")
     widths = {name: len(c.labels) for name, c in recording.channels.items()}
     assert (widths["command"], widths["position"], widths["velocity"]) == (8, 8, 8)

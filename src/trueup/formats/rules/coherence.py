@@ -12,7 +12,7 @@ from trueup.arrays import Array
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import INERTIAL, SOURCES, of_place, sensor_labels
 from trueup.formats.rules.families import Named
-from trueup.formats.rules.names import AXES, axes, words
+from trueup.formats.rules.names import AXES, TOOLS, axes, words
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
 
@@ -219,24 +219,20 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
     driven = {p.label for p in proposals if p.role.startswith("command") or p.role in ("torque", "current")}
     found: dict[str, set[str]] = {}
     for p in proposals:
-        if (
-            p.role == "position"
-            and p.label not in driven
-            and (plain := words(p.label))
-            and plain[-1] in ("x", "y", "z")
-        ):
+        plain = words(p.label)
+        if p.role == "position" and p.label not in driven and plain and plain[-1] in _PLACES:
             found.setdefault(" ".join(plain[:-1]), set()).add(plain[-1])
     places = {name for name, along in found.items() if len(along) == 3 and of_place([name])}
-    return [
-        own(p.column)
-        if p.role == "position" and " ".join(words(p.label)[:-1]) in places and p.label not in driven
-        else p
-        for p in proposals
-    ]
+
+    def placed(p: Proposal) -> bool:
+        return p.role == "position" and " ".join(words(p.label)[:-1]) in places and p.label not in driven
+
+    return [own(p.column) if placed(p) else p for p in proposals]
 
 
 def _of_a_base(column: Column) -> bool:
-    return any(source & set(column.parts.words) for source in SOURCES)
+    plain = set(column.parts.words)
+    return any(source & plain - _OF_ANY_DRIVE for source in SOURCES) and not plain & (TOOLS | _OF_ANY_DRIVE - {"robot"})
 
 
 def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:

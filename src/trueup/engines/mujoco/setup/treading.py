@@ -58,7 +58,8 @@ def _ahead(free: Model, hanging: mujoco.MjModel, recording: Recording, begin: fl
     """
     drives, command = told(free, recording), command_of(recording)
     if not drives or command is None:
-        return (np.full((1, 1), np.nan),) * 3
+        nothing = np.full((1, 1), np.nan)
+        return nothing, nothing, nothing
     labels, actuators = list(drives), list(drives.values())
     position, asked = recording.channel("position").select(labels), command.select(labels)
     factors = np.array([control_of(free, name, command.unit) for name in commanded(free, asked)])
