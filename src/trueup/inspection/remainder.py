@@ -98,7 +98,7 @@ def unexplained(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
         return ()
     sizes = _sizes(each)
     side = SIDES[int(np.argmax(sizes[0] / sizes[1]))]
-    asked = f"With none of {', '.join(MEANS)} does it go so that a regression would halve it"
+    asked = f"A regression on none of these halves it: {', '.join(MEANS)}"
     if _stretches(each) < FEWEST_PARTS:
         asked = "Too little was driven to ask what it goes with: a minute and more would tell"
     return (
