@@ -376,16 +376,18 @@ def test_a_car_that_brakes_by_a_throttle_below_zero_is_not_judged_where_it_backs
     assert np.isfinite(pursuing.channel("position").values).all()
 
 
-def _steered(front: bool, most: float) -> Recording:
-    """A minute of a vehicle that steers by up to `most` rad and whose front or rear wheels are told a speed."""
-    rng, step, (x, y, psi, v, angle) = np.random.default_rng(4), 0.002, np.zeros(5)
+def _steered(front: bool, most: float, hurry: float, seed: int) -> Recording:
+    """A minute of a vehicle that steers by up to `most` rad and whose front or rear wheels are told a speed, which change
+    their speed by no more than `hurry` (m/s^2).
+    """
+    rng, step, (x, y, psi, v, angle) = np.random.default_rng(seed), 0.002, np.zeros(5)
     rows, told = [], np.zeros(2)
     for k in range(30_000):
         if k % 900 == 0:
             told = rng.uniform([0.4, -most], [1.4, most])
         if k % 25 == 0:
             rows.append([k * step, *told, *(np.array([x, y, psi]) + rng.normal(0.0, [3e-3, 3e-3, 4e-3]))])
-        v += step * 4.0 * (told[0] - v)
+        v += step * float(np.clip(4.0 * (told[0] - v), -hurry, hurry))
         angle += step / 0.15 * (told[1] - angle)
         ahead, turn = (v * np.cos(angle), v * np.sin(angle)) if front else (v, v * np.tan(angle))
         psi += step * turn / 1.2
@@ -399,13 +401,22 @@ def _steered(front: bool, most: float) -> Recording:
     return Recording("drive", {c.name: c for c in channels})
 
 
-@pytest.mark.parametrize(("front", "most"), [(True, 1.1), (False, 1.1), (False, 0.4)])
+@pytest.mark.parametrize(
+    ("front", "most", "hurry", "seed"),
+    [
+        (True, 1.1, np.inf, 4),
+        (True, 0.8, 0.5, 7),
+        (False, 1.1, np.inf, 4),
+        (False, 0.8, 0.5, 7),
+        (False, 0.4, np.inf, 4),
+    ],
+)
 def test_a_steered_wheel_that_is_told_the_speed_is_recognised_by_the_motion(
-    front: bool, most: float, tmp_path: Path
+    front: bool, most: float, hurry: float, seed: int, tmp_path: Path
 ) -> None:
     path = tmp_path / "tricycle.toml"
     path.write_text("[vehicle]\nwheelbase = 1.2\n")
-    drive = _steered(front, most)
+    drive = _steered(front, most, hurry, seed)
     ready = prepare(path, [drive])
     assert isinstance(ready.simulator, VehicleSimulator)
     assert ready.simulator.vehicle.driven == ("front" if front else "")

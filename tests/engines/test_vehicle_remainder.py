@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.calibration import Calibration, Estimate
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.family import Vehicles
 from trueup.engines.vehicle.remainder import errors_go_with
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.recording import Channel, Recording
@@ -66,7 +68,8 @@ def drive(
 def test_errors_that_go_with_something_are_told_of(cause: str, aspect: str, lacks: dict[str, float]) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
     drives = [robot.prepared(drive(seed, **lacks)) for seed in (0, 1)]
-    said = errors_go_with(robot, np.zeros(0), drives, 3.0)
+    said, left = errors_go_with(robot, np.zeros(0), drives, 3.0)
+    assert left == ()
     assert len(said) == bool(aspect)
     assert all(aspect in text and f"goes with {cause}" in text and "times what noise" in text for text in said)
 
@@ -75,4 +78,26 @@ def test_errors_that_go_with_something_are_told_of(cause: str, aspect: str, lack
 def test_drives_too_short_to_leave_stretches_out_tell_nothing(seconds: float) -> None:
     robot = VehicleSimulator(Vehicle("robot", 0.4, drive=TURNED, values=VALUES))
     short = robot.prepared(drive(0, trailer=0.4).slice(0.0, seconds))
-    assert errors_go_with(robot, np.zeros(0), [short], 3.0) == ()
+    said, left = errors_go_with(robot, np.zeros(0), [short], 3.0)
+    assert said == ()
+    assert len(left) == (seconds > 3.0)
+    assert all("Too little was driven" in text and "times what noise" in text for text in left)
+
+
+def test_no_value_is_claimed_to_be_the_vehicles_own_where_its_errors_go_with_something() -> None:
+    robot = Vehicle("robot", 0.4, drive=TURNED, values=VALUES)
+    space = robot.space(("turn_left",), {}, 1.0)
+    estimates = tuple(
+        Estimate(p.name, p.unit, p.nominal, v, 0.99 * v, 1.01 * v, p.lower, p.upper, not p.frozen,
+                 "frozen" if p.frozen else "identified")
+        for p, v in ((p, robot.quantity(p.name).absent if p.name not in VALUES else VALUES[p.name]) for p in space.parameters)
+    )  # fmt: skip
+    found = Calibration("robot", estimates, (), (), np.zeros((0, 0)))
+
+    def fit(*_: object, **__: object) -> Calibration:
+        return found
+
+    for lacks, word in (({"trailer": 0.4}, "effective"), ({}, "identified")):
+        drives = [drive(seed, **lacks) for seed in (0, 1)]
+        said = Vehicles().calibrate(VehicleSimulator(robot, space), drives, [], fit)
+        assert [e.verdict for e in said.estimates if e.fitted] == [word]

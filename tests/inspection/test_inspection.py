@@ -129,6 +129,14 @@ def test_a_sensor_slower_than_the_log_is_noticed() -> None:
     assert any("about 25 Hz, not 100 Hz" in sentence for sentence in inspection.findings())
 
 
+def test_noise_of_a_slower_sensor_is_that_of_its_own_samples_where_rows_are_missing_too() -> None:
+    held = np.repeat(noisy(angle(TIME[::2]), 5e-3), 2)
+    kept = np.random.default_rng(1).random(len(TIME)) > 0.03
+    found = inspect(recording(channel("position", held[kept], time=TIME[kept]))).channel("position")
+    assert found.held == 2
+    assert found.noise == pytest.approx(5e-3, rel=0.15)
+
+
 def test_missing_values_are_counted_per_column() -> None:
     values = noisy(angle())
     values[10:30] = np.nan

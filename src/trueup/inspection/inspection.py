@@ -130,14 +130,15 @@ def motionless(channel: Channel) -> tuple[str, ...]:
 def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
     rate, jitter, gaps = clock_of(channel.time)
     grid = tuple(estimate_grid(column) for column in channel.values.T)
-    noise = estimate_noise(channel.values, channel.time, grid)
+    repeats, held = _repeats(channel)
+    new = _changed(channel) if held > 1 else np.ones(len(channel.time), dtype=bool)
+    noise = estimate_noise(channel.values[new], channel.time[new], grid)
     motionless = tuple(
         label
         for label, column, sigma, step in zip(channel.labels, channel.values.T, noise, grid, strict=True)
         if is_noise(column, float(sigma), step)
     )
     moving = [label for label in channel.labels if label not in motionless]
-    repeats, held = _repeats(channel)
     return ChannelInspection(
         name=channel.name,
         labels=channel.labels,
@@ -178,18 +179,22 @@ def clock_of(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
 
 
 def _repeats(channel: Channel) -> tuple[int, int]:
-    """Rows equal to the one before, and how many rows each value stands for where that is regular."""
+    """Rows equal to the one before, and how many rows each value stands for where that is regular; some may be missing."""
+    new = _changed(channel)
+    repeats = int(np.sum(~new))
+    if is_command(channel.name) or not repeats:
+        return repeats, 1
+    runs = np.round(np.diff(channel.time[new])[1:] / usual_step(channel.time))
+    usual = int(np.median(runs)) if runs.size >= 20 else 1
+    regular = usual > 1 and float(np.mean(np.abs(runs - usual) <= 1)) > 0.9 and float(np.mean(runs == 1)) < 0.05
+    return repeats, usual if regular else 1
+
+
+def _changed(channel: Channel) -> Mask:
+    """(T,) the rows that are not as the one before."""
     values = channel.values
     same = np.all((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])), axis=1)
-    if is_command(channel.name) or not np.any(same):
-        return int(np.count_nonzero(same)), 1
-    edges = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
-    runs = np.diff(edges)[1:-1]  # the first and the last may be cut
-    if runs.size < 20:
-        return int(np.count_nonzero(same)), 1
-    usual = int(np.median(runs))
-    regular = usual > 1 and float(np.mean(np.abs(runs - usual) <= 1)) > 0.9 and float(np.mean(runs == 1)) < 0.05
-    return int(np.count_nonzero(same)), usual if regular else 1
+    return np.concatenate([[True], ~same])
 
 
 def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
@@ -256,7 +261,7 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
     if channel.held > 1:
         yield (
             f"each value stands for {channel.held} rows, so the sensor runs at about "
-            f"{channel.rate / channel.held:.3g} Hz, not {channel.rate:.4g} Hz. Keep every {channel.held}th row"
+            f"{channel.rate / channel.held:.3g} Hz, not {channel.rate:.4g} Hz. Keep one row in {channel.held}"
         )
     if channel.missing.any():
         worst = int(np.argmax(channel.missing))

@@ -90,11 +90,37 @@ def unlike(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
     )
 
 
+def unexplained(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
+    """What to say of drives whose errors `horizon` s ahead are beyond noise and go with nothing that `unlike` asks about: how
+    large the one is that is so by most.
+    """
+    if not each or not _beyond_noise(each).any():
+        return ()
+    sizes = _sizes(each)
+    side = SIDES[int(np.argmax(sizes[0] / sizes[1]))]
+    asked = f"A regression on none of these halves it: {', '.join(MEANS)}"
+    if _stretches(each) < FEWEST_PARTS:
+        asked = "Too little was driven to ask what it goes with: a minute and more would tell"
+    return (
+        f"{_size(each, side, horizon)}. {asked}. A vehicle that moves otherwise, gusts, a floor that is not alike, commands "
+        "that are not in the log or a pose that drifts may be behind it: expect predictions to be off by as much",
+    )
+
+
+def _stretches(each: Sequence[Astray]) -> int:
+    """How many stretches can be left out in turn."""
+    return sum(len(np.unique(a.begun // STRETCH)) for a in each)
+
+
+def _sizes(each: Sequence[Astray]) -> Array:
+    """(2, 3) root mean squares of what is left of `SIDES`, and what noise of the poses makes of them."""
+    left = np.sqrt(np.mean(np.concatenate([a.errors for a in each]) ** 2, axis=0))
+    return np.stack([left, np.maximum(np.max([a.noise for a in each], axis=0), TINY)])
+
+
 def _size(each: Sequence[Astray], side: str, horizon: float) -> str:
     """How much is left of one of `SIDES`."""
-    k = SIDES.index(side)
-    size = float(np.sqrt(np.mean(np.concatenate([a.errors[:, k] for a in each]) ** 2)))
-    noise = max(float(np.max([a.noise[k] for a in each])), TINY)
+    size, noise = _sizes(each)[:, SIDES.index(side)].tolist()
     unit = "rad" if side == "heading" else "m"
     return (
         f"what is left of the {side} in the second half of predictions {horizon:g} s ahead is {size:.2g} {unit} (root mean "
@@ -115,8 +141,8 @@ def _most_with(each: Sequence[Astray], horizon: float, cause: str, side: str, mo
 
 def _beyond_noise(each: Sequence[Astray]) -> Mask:
     """(3,) which errors are more than noise of what was measured."""
-    squares = np.mean(np.concatenate([a.errors for a in each]) ** 2, axis=0)
-    return squares > (EXPLAINED * np.max([a.noise for a in each], axis=0)) ** 2
+    left, noise = _sizes(each)
+    return np.asarray(left > EXPLAINED * noise)
 
 
 def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[Evidence]:

@@ -23,6 +23,8 @@ from trueup.trial import Trial
 
 LATE = 0.12
 """In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""
+_EARLIER = (3.0, 6.0)
+"""In `LATE`: commands that heavy vehicles still follow, each twice as long ago as the one before (the first is 1.5 ago)."""
 _BLOCK = 5.0
 """s that are left out together: longer than a speed's errors last."""
 _SLIDES = 3.0
@@ -42,13 +44,15 @@ class Look:
     """Acceleration in m/s^2."""
     throttle: Array
     steering: Array
+    earlier: Array
+    """(n, len(_EARLIER)) speeds or throttles commanded that much earlier."""
     drives: tuple[Past, ...] = ()
 
     @classmethod
     def at(cls, recordings: Sequence[Recording]) -> Look:
         """At prepared recordings, see `Past.of`. Raises RecordingError for one without pose or command."""
         steps = 12  # of the grid within LATE
-        parts = [np.zeros((5, 0))]
+        parts = [np.zeros((5 + len(_EARLIER), 0))]
         pasts = [Past.of(Trial.of(r, ["position", "heading"]), LATE / steps, COMMAND) for r in recordings]
         for past in pasts:
             k = np.arange(past.earliest, len(past.known) - 1, steps)
@@ -56,9 +60,10 @@ class Look:
             speed = past.seen[k, 3]
             gained = (speed - past.seen[k - steps, 3]) / LATE  # half of LATE ago
             asked = past.commands[k - steps, 1], past.commands[k - steps * 3 // 2, 0]
-            parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, *asked]))
-        curvature, speed, gained, steering, throttle = np.concatenate(parts, axis=1)
-        return cls(curvature, speed, gained, throttle, steering, tuple(pasts))
+            earlier = [past.commands[np.maximum(k - round(steps * late), 0), 0] for late in _EARLIER]
+            parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, *asked, *earlier]))
+        curvature, speed, gained, steering, throttle, *earlier = np.concatenate(parts, axis=1)
+        return cls(curvature, speed, gained, throttle, steering, np.stack(earlier, axis=1), tuple(pasts))
 
     def curve(self) -> tuple[float, float] | None:
         """Offset and slope of curvature over steering; None where they do not tell the slope from none."""
@@ -104,18 +109,19 @@ class Look:
         return starts
 
     def driven_by_the_steered_wheel(self) -> bool:
-        """Whether commanded speeds are those of a steered wheel: left-out speeds, with a lag, are foretold clearly better by
-        these times the cosine of the angle, which halves the error that any share of what it takes off would mend. Losses in
-        curves are of the same form, but as large by chance only.
+        """Whether commanded speeds are those of a steered wheel: left-out speeds, as they follow late and slowly, are
+        foretold clearly better by these times the cosine of the angle, which halves the error that any share of what it takes
+        off would mend. Losses in curves are of the same form, but as large by chance only.
         """
         count = round(len(self.speed) * LATE / _BLOCK)
         if count < FEWEST_PARTS:
             return False
         parts = np.array_split(np.arange(len(self.speed)), count)
-        slower = self.throttle * np.cos(self.steering)
+        as_told = np.column_stack([self.throttle, self.earlier])
+        slower = as_told * np.cos(self.steering)[:, None]
         plain, steered, any_share = (
-            self._left_out(np.stack([*told, self.gained], axis=1), parts)
-            for told in ((self.throttle,), (slower,), (self.throttle, slower))
+            self._left_out(np.column_stack([*told, self.gained]), parts)
+            for told in ((as_told,), (slower,), (as_told, slower))
         )
         left, mended = (float(np.mean(e**2 - any_share**2)) for e in (steered, plain))
         return evidence(plain, steered, plain**2 + steered**2).holds and left < HALVED**2 * mended

@@ -22,6 +22,7 @@ from trueup.inspection.remainder import (
     means,
     moved,
     powers,
+    unexplained,
     unlike,
 )
 from trueup.noise import estimate_noise
@@ -34,10 +35,14 @@ from trueup.trial import Trial
 
 def errors_go_with(
     simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], horizon: float
-) -> tuple[str, ...]:
-    """What to say of prepared drives whose errors `horizon` s ahead go with commands, time, heading or place."""
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What to say of prepared drives whose errors `horizon` s ahead go with commands, time, heading or place, and how large
+    those are that are beyond the noise and go with none of these.
+    """
     each = [astray(simulator, values, drive, horizon) for drive in drives]
-    return unlike([a for a in each if len(a.begun)], horizon)
+    each = [a for a in each if len(a.begun)]
+    said = unlike(each, horizon)
+    return said, () if said else unexplained(each, horizon)
 
 
 def astray(simulator: VehicleSimulator, values: Array, recording: Recording, horizon: float) -> Astray:

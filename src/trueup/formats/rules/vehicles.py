@@ -47,6 +47,9 @@ RULES = (
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
          Example("t,servo_us,motor_us,x,y,theta", "0 1500 1500 1 2 .1|.1 1600 1550 1.1 2 .1|.2 1500 1550 1.2 2 .1",
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
+         Example("time_ms,drive_setpoint_mm_s,steer_setpoint_deg,drive_actual_mm_s,nav_x_mm,nav_y_mm,nav_theta_deg",
+                 "0 100 20 90 1 2 50|100 200 21 190 9 2 51|200 100 22 90 19 2 52",
+                 "command[m/s,rad] speed steering; position[m] x y; heading[rad] heading; speed[m/s] speed"),
         ),
     ),
     Rule("brake", "brake, braking, brake pedal",
@@ -165,6 +168,8 @@ _IF_ASKED: Mapping[frozenset[str], str] = MappingProxyType(
 """Words beside a signal's own that do not change what it is."""
 PLACES = ("x", "y", "east", "north")
 """Kinds that are metres on a floor."""
+_POSES = (*PLACES, "latitude", "longitude", "heading", "qx", "qy", "qz", "qw")
+"""Kinds that no pilot commands: nav_x and nav_y are where a navigation sees the vehicle."""
 _PIECES = re.compile(r"[/.]")
 """Between the parts of a topic's name."""
 _OF_SOMETHING_ELSE = listed(
@@ -220,7 +225,11 @@ def read(column: Column) -> Signal | None:
     possible = BY_KIND[kind].possible
     if possible is not None and not possible(column.known):
         return None
-    commanded = bool(_ASKED & there) or ("drive" in there and kind in ("speed", "steering"))
+    unit = column.parts.bracketed or column.parts.tail
+    if kind == "throttle" and factor is not None and to_si(unit)[0] == "m/s":  # drive_setpoint_mm_s
+        kind = "speed"
+    commanded = bool((COMMANDED if kind in _POSES else _ASKED) & there)
+    commanded |= "drive" in there and not PLAINLY_MEASURED & there and kind in ("speed", "steering")
     commanded = commanded or (kind == "speed" and factor == to_si("%")[1])  # nobody measures a speed in percent
     rank = next((i for i, group in enumerate(_TRUSTED) if group & there), 2)
     if kind in ("speed", "yaw_rate"):  # the wheels know the speed and gyroscopes the turn rate, not the tracker
