@@ -177,6 +177,8 @@ class Trial:
     command: Channel | None
     """What is commanded (held between its samples), or None where a controller decides."""
     observed: Mapping[str, Observed]
+    pace: Channel | None = None
+    """Speeds that were commanded beside positions of the same joints; None where nothing says them."""
     initial: Mapping[str, Channel] = field(default_factory=dict)
     """Measured channels around the start, from which a simulator estimates its start state."""
     corrections: Mapping[str, Array] = field(default_factory=dict)
@@ -260,7 +262,7 @@ class Trial:
         start = min(starts) if command is None else max(min(starts), min(o.time[0] for o in observed.values()))
         return cls(
             name=recording.name, start=float(start), duration=float(stop - start), command=command, observed=observed,
-            initial={name: recording.channel(name) for name in measured},
+            pace=pace_of(recording), initial={name: recording.channel(name) for name in measured},
         )  # fmt: skip
 
 
@@ -297,3 +299,9 @@ def shared_joints(command: Channel, position: Channel) -> tuple[str, ...]:
 def drives_off(recording: Recording) -> bool:
     """Whether a recording says that all its drives were off all along."""
     return recording.has(ENABLED) and not np.nan_to_num(recording.channel(ENABLED).values).any()
+
+
+def pace_of(recording: Recording) -> Channel | None:
+    """Speeds that were commanded beside the positions of `command_of` a recording; None where there are none."""
+    command = command_of(recording)
+    return None if command is None else recording.channels.get(f"{command.name}_velocity")

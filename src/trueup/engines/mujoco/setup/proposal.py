@@ -26,6 +26,8 @@ LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
 HELD = "weight that gravity compensation leaves"
 """Of links that a controller was told to hold by a model of its own."""
+FED_FORWARD = "speed fed forward"
+"""Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
@@ -70,6 +72,8 @@ def propose(
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
         *_of_springs(model, joints),
     ]
+    # Above all else that may act on commands: what it does to smooth motion, limits and a punch would make up for.
+    lines += [Declaration("lead", (j,), optional=FED_FORWARD) for j in servos]
     lines += _punches(model, servos)
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
