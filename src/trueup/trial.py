@@ -23,8 +23,7 @@ COMMANDS = (
 of a joint, or whatever else a robot takes."""
 
 RECKONED = "reckoned"
-"""Key of a recording's provenance: channels, parted by spaces, that were reckoned from others. Runs begin as they say, and
-are not compared with them (`reckoned_of`)."""
+"""Key of provenance: channels, parted by spaces, reckoned from others; runs begin there, and are not compared with them."""
 
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
@@ -177,8 +176,6 @@ class Trial:
     command: Channel | None
     """What is commanded (held between its samples), or None where a controller decides."""
     observed: Mapping[str, Observed]
-    pace: Channel | None = None
-    """Speeds that were commanded beside positions of the same joints; None where nothing says them."""
     initial: Mapping[str, Channel] = field(default_factory=dict)
     """Measured channels around the start, from which a simulator estimates its start state."""
     corrections: Mapping[str, Array] = field(default_factory=dict)
@@ -207,6 +204,8 @@ class Trial:
     """From what disturbances and noise are drawn."""
     performs: str = ""
     """In a campaign, which counts its runs: the task's trial that this one performs, by its name."""
+    pace: Channel | None = None
+    """Speeds commanded beside positions of the same joints."""
 
     def seeded(self, rng: np.random.Generator, *, alike: bool = False) -> Trial:
         """The same trial with its disturbances and noise settled by a generator, each row of a simulation by itself.
@@ -249,7 +248,7 @@ class Trial:
                 f"recording '{recording.name}' holds no measured channel; it has: {', '.join(recording.channels) or 'none'}"
             )
         observed = {name: Observed(c.labels, c.unit, c.time) for name in wanted for c in (recording.channel(name),)}
-        command = command_of(recording)
+        command, told = (c := command_of(recording)), "" if c is None else c.name
         starts = [o.time[0] for o in observed.values()] + ([command.time[0]] if command is not None else [])
         stop = max(o.time[-1] for o in observed.values())
         end = ended(recording)
@@ -262,7 +261,7 @@ class Trial:
         start = min(starts) if command is None else max(min(starts), min(o.time[0] for o in observed.values()))
         return cls(
             name=recording.name, start=float(start), duration=float(stop - start), command=command, observed=observed,
-            pace=pace_of(recording), initial={name: recording.channel(name) for name in measured},
+            initial={name: recording.channel(name) for name in measured}, pace=recording.channels.get(f"{told}_velocity"),
         )  # fmt: skip
 
 
@@ -299,9 +298,3 @@ def shared_joints(command: Channel, position: Channel) -> tuple[str, ...]:
 def drives_off(recording: Recording) -> bool:
     """Whether a recording says that all its drives were off all along."""
     return recording.has(ENABLED) and not np.nan_to_num(recording.channel(ENABLED).values).any()
-
-
-def pace_of(recording: Recording) -> Channel | None:
-    """Speeds that were commanded beside the positions of `command_of` a recording; None where there are none."""
-    command = command_of(recording)
-    return None if command is None else recording.channels.get(f"{command.name}_velocity")

@@ -72,9 +72,7 @@ def propose(
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
         *_of_springs(model, joints),
     ]
-    # Above all else that may act on commands: what it does to smooth motion, limits and a punch would make up for.
-    lines += [Declaration("lead", (j,), optional=FED_FORWARD) for j in servos]
-    lines += _punches(model, servos)
+    lines += [*_leads(servos), *_punches(model, servos)]
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints)]
@@ -250,6 +248,11 @@ def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: 
             if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
                 return True
     return False
+
+
+def _leads(servos: Sequence[str]) -> list[Declaration]:
+    """Asked about before a punch, which would make up for what a lead does to smooth motion."""
+    return [Declaration("lead", (j,), optional=FED_FORWARD) for j in servos]
 
 
 def _punches(model: Model, servos: Sequence[str]) -> list[Declaration]:
