@@ -176,11 +176,10 @@ def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
 def _renamed(
     guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str], others: Collection[str]
 ) -> tuple[ChannelMap, list[str]]:
-    """The guess with names of the model's joints for those in the files, and what to say of it."""
+    """The guess with names of the model's joints, found apart for what was measured (gripper_width) and told (gripper), and notes."""
     labels = [label for label in _labels(recordings) if label not in others]
     if all(label in drives for label in labels):
         return guess, []
-    # Measured and commanded apart: 'gripper_width' and 'gripper' may be one joint, and none is left for the other.
     measured = [x for x in labels if any(r.has("position") and x in r.channel("position").labels for r in recordings)]
     parts = [match_joints(part, drives) for part in (measured, [x for x in labels if x not in measured]) if part]
     names = {label: joint for found, _ in parts for label, joint in found.items()}
