@@ -204,6 +204,8 @@ class Trial:
     """From what disturbances and noise are drawn."""
     performs: str = ""
     """In a campaign, which counts its runs: the task's trial that this one performs, by its name."""
+    pace: Channel | None = None
+    """Speeds commanded beside positions of the same joints."""
 
     def seeded(self, rng: np.random.Generator, *, alike: bool = False) -> Trial:
         """The same trial with its disturbances and noise settled by a generator, each row of a simulation by itself.
@@ -246,7 +248,7 @@ class Trial:
                 f"recording '{recording.name}' holds no measured channel; it has: {', '.join(recording.channels) or 'none'}"
             )
         observed = {name: Observed(c.labels, c.unit, c.time) for name in wanted for c in (recording.channel(name),)}
-        command = command_of(recording)
+        command, told = (c := command_of(recording)), "" if c is None else c.name
         starts = [o.time[0] for o in observed.values()] + ([command.time[0]] if command is not None else [])
         stop = max(o.time[-1] for o in observed.values())
         end = ended(recording)
@@ -259,7 +261,7 @@ class Trial:
         start = min(starts) if command is None else max(min(starts), min(o.time[0] for o in observed.values()))
         return cls(
             name=recording.name, start=float(start), duration=float(stop - start), command=command, observed=observed,
-            initial={name: recording.channel(name) for name in measured},
+            initial={name: recording.channel(name) for name in measured}, pace=recording.channels.get(f"{told}_velocity"),
         )  # fmt: skip
 
 

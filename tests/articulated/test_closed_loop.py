@@ -37,7 +37,7 @@ class Ramp:
 
 def _driven(known: float) -> Array:
     """What drives take in a second, looked at each 20 ms."""
-    signals = SimpleNamespace(delay=np.array([[DELAY]]), arriving=lambda trial, at, out, step: out)
+    signals = SimpleNamespace(delay=np.array([[DELAY]]), lead=np.zeros(1), arriving=lambda trial, at, out, step: out)
     loop, taken = ClosedLoop(cast(Any, Ramp(known)), cast(Any, signals), 0, STEP), []
     for at in range(0, 500, 10):
         for step in range(at, at + 10):

@@ -64,6 +64,7 @@ LINES = [
     Declaration("mass", ("lower",)), Declaration("com_x", ("lower",)), Declaration("inertia_d2", ("upper",)),
     Declaration("tilt_roll"), Declaration("sensor_delay", ("position",)), Declaration("clock", ("r",)),
     Declaration("speed_limit", nominal=4.0), Declaration("acceleration_limit", nominal=60.0),
+    Declaration("lead", nominal=0.03),
 ]  # fmt: skip
 LIVE = [
     Declaration("dead_band", nominal=0.02), Declaration("friction_static", nominal=0.1),

@@ -29,6 +29,19 @@ def test_counts_of_an_encoder_are_refused_with_what_to_write(tmp_path: Path) -> 
         prepare(tmp_path / "arm.xml", [run])
 
 
+def test_counts_of_a_joint_without_a_range_are_refused_beside_commands_in_rad_with_how_many_make_a_turn(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "arm.xml").write_text(_ARM.replace('range="-100 100"', ""))
+    time = np.arange(0.0, 4.0, 0.02)
+    swing = 0.3 * np.sin(3.0 * time)[:, None]
+    counts = np.round(0.97 * 8192 / (2.0 * np.pi) * 0.3 * np.sin(3.0 * (time - 0.02)))[:, None]
+    run = Recording("run", {"command": Channel("command", ("j",), "rad", time, swing),
+                            "position": Channel("position", ("j",), "", time, counts)})  # fmt: skip
+    with pytest.raises(RecordingError, match=r"'j' moves 12\d\d times as far .* scale .* power of two: 8192"):
+        prepare(tmp_path / "arm.xml", [run])
+
+
 def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(_ARM)
     time = np.arange(0.0, 2.0, 0.02)

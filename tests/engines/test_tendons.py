@@ -77,6 +77,29 @@ def test_inspect_takes_such_motors_for_no_joints(
     assert "[elbow, pitch, roll]" in said
 
 
+MIMIC = """<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size=".05"/>
+<body><joint name="finger_left" type="slide" range="0 .04"/><geom size=".01"/></body>
+<body><joint name="finger_right" type="slide" axis="0 0 -1" range="0 .04"/><geom size=".01"/></body></body></worldbody>
+<equality><joint joint1="finger_right" joint2="finger_left"/></equality>
+<actuator><position joint="elbow"/><position name="gripper" joint="finger_left"/></actuator></mujoco>"""
+
+
+def test_the_opening_of_a_gripper_is_that_of_the_finger_which_the_gripper_drives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not of the other one, which follows it: the drive was not calibrated then."""
+    (tmp_path / "arm.xml").write_text(MIMIC)
+    opening = 20.0 + 15.0 * np.sin(TIME)
+    table = np.stack([TIME, ELBOW, opening, ELBOW, opening], axis=1)
+    head = "t,goal_elbow_rad,gripper_goal_mm,present_elbow_rad,gripper_width_mm"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="")
+    monkeypatch.chdir(tmp_path)
+    assert main(["inspect", "log.csv", "--model", "arm.xml"]) == 0
+    said = capsys.readouterr().out
+    assert "by order" not in said
+    assert "gripper_width -> finger_left" in said
+
+
 GRIPPER = """<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size=".05"/>
 <body><joint name="left" type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/></body>
 <body><joint name="right" type="slide" axis="0 -1 0" range="0 .04"/><geom size=".01"/></body></body></worldbody>

@@ -132,6 +132,26 @@ def test_a_spring_that_the_model_lacks_is_named_and_once_declared_it_is_found_an
     assert written.qpos_spring[0] == pytest.approx(known["spring_rest"].value)
 
 
+def test_a_cable_that_stiffens_is_named_beside_its_spring_and_once_declared_it_is_found_and_written(
+    tmp_path: Path,
+) -> None:
+    """Stiffness 20 N m/rad that grows by 100 N m/rad3 times the square of the way from 0.1 rad."""
+    cable = ARM.replace('range="-3 3"', 'range="-3 3" stiffness="20 0 100" springref="0.1"')
+    several = ("spring", "spring_rest", "spring_cubic")
+    lines = [f'[[parameter]]\nquantity = "{q}"\nof = "j"\n' for q in several]
+    found = calibrated(tmp_path, "", "".join(lines[:2]), truth=cable)
+    assert "replayed better with springs that stiffen, which the model lacks: j.spring_cubic" in found.lacking
+    again = calibrated(tmp_path, "", "".join(lines), truth=cable)
+    known = {e.name.rpartition(".")[2]: e for e in again.estimates}
+    for name, value in zip(several, (20.0, 0.1, 100.0), strict=True):
+        assert known[name].low <= value <= known[name].high
+        assert known[name].value == pytest.approx(value, rel=0.05)
+    ready = prepare(tmp_path / "arm.xml", (), parameters=tmp_path / "parameters.toml", propose=False)
+    ready.write(again, tmp_path / "fitted.xml", tmp_path / "fitted.toml")
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "fitted.xml"))
+    assert written.jnt_stiffnesspoly[0, 1] == pytest.approx(known["spring_cubic"].value)
+
+
 TWO = """
 <mujoco><compiler angle="radian"/><option integrator="implicitfast"/><default><joint axis="0 1 0" damping=".3"/></default>
 <worldbody><body><joint name="shoulder" frictionloss="{friction}" armature="{armature}"/>

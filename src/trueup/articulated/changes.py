@@ -15,6 +15,7 @@ NO_SPEED_LIMIT, NO_ACCELERATION_LIMIT = 1e4, 1e6
 
 SIGNALS: Mapping[str, str] = {
     "delay": "of an actuator's command, s",
+    "lead": "how far ahead along its own speed an actuator's command is taken, s",
     "speed_limit": "of an actuator's command, rad/s",
     "acceleration_limit": "of an actuator's command, rad/s2",
     "command": "what a joint's servo takes off its command, rad",

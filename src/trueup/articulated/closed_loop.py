@@ -89,6 +89,13 @@ class ClosedLoop:
         self._orders = np.ascontiguousarray(np.concatenate([self._orders[kept], orders.swapaxes(0, 1)]))
         self._kept = len(self._times)
 
+    def _paces(self) -> Array:
+        """Speeds of the commands that act, each since the one before: what comes next, a controller does not know."""
+        paces, kept = np.zeros_like(self._orders), self._kept
+        waits = np.diff(self._times[:kept])[:, None, None]
+        paces[1:kept] = np.diff(self._orders[:kept], axis=0) / waits
+        return paces
+
     def commands(self, at: int, count: int) -> Array:
         """(b, count, width) of the steps at ... at + count, before which no other command is due, as drives take them.
 
@@ -96,4 +103,8 @@ class ClosedLoop:
         """
         out = np.empty((len(self._delay), count, self._delay.shape[1]))
         own_delayed_commands(self._times, self._orders, self._kept, self._delay, at, self._step, out)
+        if self._signals.lead.any():
+            ahead = np.empty_like(out)
+            own_delayed_commands(self._times, self._paces(), self._kept, self._delay, at, self._step, ahead)
+            out += self._signals.lead[:, None] * ahead
         return self._signals.arriving(self._trial, at, out, self._step)

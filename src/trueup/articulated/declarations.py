@@ -70,6 +70,7 @@ LACKING = {
     "friction that grows with the load": ("friction_load",),
     "friction that is larger at rest": ("friction_static",),
     "springs at the joints": ("spring", "spring_rest"),
+    "springs that stiffen": ("spring_cubic",),
     "links of another mass or balance": ("mass", "com_x", "com_y", "com_z"),
 }
 """What robots have and their models often lack, each the quantities that make it."""

@@ -51,6 +51,7 @@ class Drives(NamedTuple):
     kick: Array
     """The servo's punch, as an error of the servo."""
     delay: Array
+    lead: Array
     offset: Array
     """Zero error of the command."""
     speed_limit: Array
@@ -63,11 +64,13 @@ class Drives(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A held command: (n,) instants in s since the start, values, and their running integral."""
+    """A held command: (n,) instants in s since the start, values, and their running integral; its speed, and its integral."""
 
     time: Array
     value: Array
     integral: Array
+    pace: Array
+    way: Array
 
 
 class Load(NamedTuple):
@@ -110,11 +113,12 @@ def replay(drives: Drives, command: Command, load: Load, step: float, out: Array
         out[i, 0, 0], out[i, 0, 1] = q, v
         at, k, before = 0, 0, 0.0
         for s in range(out.shape[1]):
-            # the mean of the held, delayed command over the step
+            # the mean of the held, delayed command over the step, ahead along its speed
             t = s * step - delay
             while at + 1 < n and command.time[at + 1] <= t:
                 at += 1
             area = command.integral[at] + command.value[at] * (t - command.time[at])
+            area += d.lead[i] * (command.way[at] + command.pace[at] * (t - command.time[at]))
             wanted, before = (area - before) / step, area
             if s == 0:
                 continue

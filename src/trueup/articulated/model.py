@@ -23,6 +23,7 @@ ATTRIBUTES: Mapping[str, str] = {
     "joint.gear_backlash": "the same, where the joint's position is that of the drive",
     "joint.gear_compliance": "twist of the gear between drive and link for a torque, rad/(N m); the position is the drive's",
     "joint.spring": "stiffness of a spring at the joint, N m/rad",
+    "joint.spring_cubic": "by how much that stiffness grows with the square of the way from rest, N m/rad3",
     "joint.spring_rest": "position in which this spring pushes to neither side, rad",
     "joint.stop_lower": "where a hard stop ends the joint's way below, rad",
     "joint.stop_upper": "the same above",

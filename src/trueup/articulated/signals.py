@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,14 +12,28 @@ from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes
 from trueup.articulated.changes import NO_ACCELERATION_LIMIT, NO_SPEED_LIMIT
 from trueup.articulated.kernels import delayed_commands, limited_commands
+from trueup.articulated.leading import paces
 from trueup.articulated.model import Model, servos
 from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
 from trueup.samples import held_integral, in_force
 from trueup.trial import Trial
 
-_Held = tuple[Integers, Array, Array, Array]
-"""Columns of a held command, (n,) instants in s since the start, (n, k) values, and their running integral."""
+
+class _Held(NamedTuple):
+    """A held command."""
+
+    columns: Integers
+    times: Array
+    """(n,) instants in s since the start."""
+    values: Array
+    """(n, k)"""
+    integral: Array
+    """(n, k) of the values up to each instant."""
+    pace: Array
+    """(n, k) speeds of the command; zero where nothing leads."""
+    way: Array
+    """(n, k) their running integral."""
 
 
 class Signals:
@@ -34,6 +49,10 @@ class Signals:
         own = {a: np.full(self._rows, model.get("actuator.delay", a)[0]) for a in self._columns}
         for actuator, value in {**own, **self._changes.of("delay")}.items():
             self.delay[:, self._columns[actuator]] = value
+        self.lead = np.zeros((self._rows, model.width))
+        """(b, width) how far ahead along its speed each command is taken, in s."""
+        for actuator, value in self._changes.of("lead").items():
+            self.lead[:, self._columns[actuator]] = value
         self.twins = twins(model)
         """Columns of the commands that repeat another one, and which."""
         self._limits = self._profile_limits()
@@ -81,10 +100,14 @@ class Signals:
         out[:] = self.hold(trial)
         if held is None:
             return out
-        columns, times, values, integral = held
+        columns = held.columns
         part = np.empty((self._rows, count, len(columns)))
         delay = np.ascontiguousarray(self.delay[:, columns] - self._late(trial)[:, None])
-        delayed_commands(times, values, integral, delay, at * step, step, part)
+        delayed_commands(held.times, held.values, held.integral, delay, at * step, step, part)
+        if (lead := self.lead[:, columns]).any():
+            ahead = np.empty_like(part)
+            delayed_commands(held.times, held.pace, held.way, delay, at * step, step, ahead)
+            part += lead[:, None] * ahead
         out[:, :, columns] = self._limited(trial, at, part, columns, step)
         return self._off(out)
 
@@ -120,24 +143,27 @@ class Signals:
         """(k,), (k,) positions and velocities of the joints where a trial begins, by its measurements alone."""
         return self._measured_starts[k]
 
-    def held(self, trial: int, actuator: str) -> tuple[Array, Array, Array]:
-        """(n,) instants, values and running integral of the command that an actuator ('': none) holds in between."""
+    def held(self, trial: int, actuator: str) -> tuple[Array, Array, Array, Array, Array]:
+        """(n,) instants, values and running integral of the command that an actuator ('': none) holds in between, its speed
+        and the running integral of that.
+        """
         held, address = self._commands[trial], self._columns.get(actuator, -1)
-        if held is not None and address in held[0]:
-            columns, times, values, integral = held
-            column = int(np.flatnonzero(columns == address)[0])
-            return times, np.ascontiguousarray(values[:, column]), np.ascontiguousarray(integral[:, column])
+        if held is not None and address in held.columns:
+            column = int(np.flatnonzero(held.columns == address)[0])
+            values, integral, pace, way = (np.ascontiguousarray(part[:, column]) for part in held[2:])
+            return held.times, values, integral, pace, way
         rest = self.hold(trial)[address] if address >= 0 else 0.0
-        return np.zeros(1), np.full(1, rest), np.zeros(1)
+        return np.zeros(1), np.full(1, rest), np.zeros(1), np.zeros(1), np.zeros(1)
 
     def shaping(self, trial: int, actuator: str) -> dict[str, Array]:
-        """(b,) what becomes of the command of an actuator ('': none): its delay, zero error and limits."""
+        """(b,) what becomes of the command of an actuator ('': none): its delay, lead, zero error and limits."""
         nothing, free, address = np.zeros(self._rows), np.full(self._rows, np.inf), self._columns.get(actuator, -1)
         limits = self._limits if address >= 0 else None
         joint = next((j for j, a in self._drives.items() if a and a == actuator), "")
         told = actuator in self._servos and self._commands[trial] is not None
         return {
             "delay": self.delay[:, address] - self._late(trial) if address >= 0 else nothing,
+            "lead": self.lead[:, address] if address >= 0 else nothing,
             "offset": self._changes.of("command").get(joint, nothing) if told else nothing,
             "speed_limit": limits[0][:, address] if limits is not None else free,
             "acceleration_limit": limits[1][:, address] if limits is not None else free,
@@ -200,4 +226,8 @@ class Signals:
         # What was commanded before the first sample is not known: the first command held for ever before.
         times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
         values = np.concatenate([values[:1], values])
-        return columns, times, values, held_integral(times, values)
+        pace = np.zeros_like(values)
+        if self.lead.any():
+            pace[1:] = paces(trial.command, trial.pace)
+            pace[0] = pace[1]
+        return _Held(columns, times, values, held_integral(times, values), pace, held_integral(times, pace))

@@ -176,11 +176,14 @@ def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
 def _renamed(
     guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str], others: Collection[str]
 ) -> tuple[ChannelMap, list[str]]:
-    """The guess with names of the model's joints for those in the files, and what to say of it."""
+    """The guess with names of the model's joints, found apart for what was measured and told (gripper_width, gripper); notes."""
     labels = [label for label in _labels(recordings) if label not in others]
     if all(label in drives for label in labels):
         return guess, []
-    names, how = match_joints(labels, drives)
+    measured = [x for x in labels if any(r.has("position") and x in r.channel("position").labels for r in recordings)]
+    parts = [match_joints(part, drives) for part in (measured, [x for x in labels if x not in measured]) if part]
+    names = {label: joint for found, _ in parts for label, joint in found.items()}
+    how = max(how for _, how in parts)  # 'by order' where any is, else 'by name'
     said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
     notes = [f"joints renamed {how}: {said}"] if said else []
     unknown = [label for label in labels if label not in names]

@@ -30,7 +30,8 @@ _SAID = {
     "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
     "idle": "torques or speeds commanded beside positions are zero all along ({}): the positions drive the robot",
     "unused": "torques or speeds were commanded beside positions, and the log does not name gains ({}): whether drives add "
-    "them is not known, and they are left out. If they do, name kp and kd (N m/rad, N m s/rad), in a column for each joint",
+    "them is not known. Of speeds it is asked whether the recordings want them (`lead`); torques are left out: if drives add "
+    "these, name kp and kd (N m/rad, N m s/rad), in a column for each joint",
 }
 
 

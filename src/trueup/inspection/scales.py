@@ -13,7 +13,8 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
-from trueup.trial import COMMANDS
+from trueup.samples import correlation
+from trueup.trial import COMMANDS, command_of
 from trueup.units import hardly_radians, to_si
 
 BEYOND = 0.2
@@ -27,6 +28,10 @@ _ENCODERS = 8.0
 """Times that steps of a robot's encoders differ, at most: 4096 and 512 counts of a turn; degrees and rad do by 57."""
 _BESIDE = 0.1
 """Of its range (or of shares of it) that a slide may be measured beyond its ends."""
+_FARTHER = 4.0
+"""Times as far as it was told that no joint goes which follows its commands in their unit; in degrees it is 57."""
+_FOLLOWED = 0.9
+"""Correlation of a joint with its commands from which on it follows them."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
@@ -100,6 +105,29 @@ def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> N
                     'the mapping (trueup inspect writes one): "deg", "rev", ...; for counts of an encoder unit = "rad" and '
                     "scale = 6.2832 / counts of a turn"
                 )
+
+        for label in (j for j in channel.labels if j in joints and not joints[j].slides):
+            times = _times_as_far(recording, label)
+            if times > _FARTHER:
+                turn = math.tau * times
+                raise RecordingError(
+                    f"'{recording.name}': positions have no unit, and '{label}' moves {times:.4g} times as far as it is "
+                    f'commanded in rad: say what they are in the mapping (trueup inspect writes one): "deg" (57.3 times), '
+                    f'"rev", ...; for counts of an encoder unit = "rad" and scale = 6.2832 / counts of a turn, which seem to '
+                    f"be about {turn:.0f} here (the nearest power of two: {2 ** round(math.log2(turn))})"
+                )
+
+
+def _times_as_far(recording: Recording, label: str) -> float:
+    """How many times as far a joint moves as it is told to in rad, which it follows; 0 where it does not, or is not told."""
+    command, position = command_of(recording), recording.channel("position")
+    if command is None or label not in command.labels or command.unit_of(label) != "rad":
+        return 0.0
+    told, seen = command.select([label]).at(position.time, hold=True)[:, 0], position.column(label)
+    good = np.isfinite(told) & np.isfinite(seen)
+    if correlation(told, seen) < _FOLLOWED:
+        return 0.0
+    return float(np.std(seen[good]) / np.std(told[good]))
 
 
 def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tuple[list[str], list[str]]:

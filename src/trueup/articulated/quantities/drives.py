@@ -32,6 +32,11 @@ DRIVES = (
         shown_by="fast steps or chirps, recorded at a high rate",
     ),
     Quantity(
+        name="lead", family="actuator", unit="s", title="lead of the command: its speed fed forward, damping / stiffness",
+        bounds=between(0.0, 0.5), signals=("lead",), servos_only=True, nothing=0.0,
+        shown_by="smooth motion at several speeds, beside steps",
+    ),
+    Quantity(
         name="zero", family="actuator", unit="rad", title="zero error of the servo's own sensor", bounds=around(0.2),
         attributes=("actuator.zero",), start=None, servos_only=True, turn=2, shown_by="holding in several poses",
     ),

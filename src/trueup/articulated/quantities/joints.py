@@ -60,6 +60,15 @@ def _springy(model: Model, joint: str) -> float:
     return max(_servo_force(model, joint, 1.0, 1.0), _moved(model, joint) * BANDWIDTH**2)
 
 
+_BENT = {0.0: 0.5, 1.0: 0.05}
+"""rad or m (of a slide) from rest, where a spring's stiffening may at most be as much as the stiffness that is sought."""
+
+
+def _stiffening(model: Model, joint: str) -> float:
+    """Growth of a spring's stiffness that makes as much of it on a usual way as `_springy`."""
+    return _springy(model, joint) / _BENT[float(model.get("joint.slides", joint)[0])] ** 2
+
+
 JOINTS = (
     Quantity(
         name="damping", family="joint", unit="N m s/rad", title="viscous friction", scale="log",
@@ -99,6 +108,11 @@ JOINTS = (
     Quantity(
         name="spring", family="joint", unit="N m/rad", title="stiffness of a spring at the joint",
         bounds=between(0.0, 0.1), attributes=("joint.spring",), start=None, reach=_springy,
+        shown_by="slow motion through the whole range",
+    ),
+    Quantity(
+        name="spring_cubic", family="joint", unit="N m/rad3", title="stiffening of a spring at the joint",
+        bounds=between(0.0, 0.1), attributes=("joint.spring_cubic",), start=None, reach=_stiffening,
         shown_by="slow motion through the whole range",
     ),
     Quantity(

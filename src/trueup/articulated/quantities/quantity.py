@@ -18,8 +18,8 @@ Bounds = Callable[[float], tuple[float, float]]
 
 FAMILIES = ("actuator", "joint", "body", "geom", "world", "channel", "recording")
 LINEAR = {
-    "N m/rad": "N/m", "N m s/rad": "N s/m", "N m s2/rad2": "N s2/m2", "N m": "N", "kg m2": "kg", "rad": "m",
-    "rad/s": "m/s", "rad/s2": "m/s2",
+    "N m/rad": "N/m", "N m/rad3": "N/m3", "N m s/rad": "N s/m", "N m s2/rad2": "N s2/m2", "N m": "N", "kg m2": "kg",
+    "rad": "m", "rad/s": "m/s", "rad/s2": "m/s2",
 }  # fmt: skip
 """Units of hinges to those of slides."""
 

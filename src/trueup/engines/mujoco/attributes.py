@@ -267,6 +267,7 @@ _ACCESS: Mapping[str, _Access] = {
     **dict.fromkeys(("joint.backlash", "joint.gear_backlash"), _second(gears.read_gap, gears.write_gap)),
     "joint.gear_compliance": _second(gears.read_compliance, gears.write_compliance),
     "joint.spring": _field("jnt_stiffness"),
+    "joint.spring_cubic": _field("jnt_stiffnesspoly", 1),
     "joint.spring_rest": _field("qpos_spring"),
     "joint.stop_lower": _stop(0),
     "joint.stop_upper": _stop(1),

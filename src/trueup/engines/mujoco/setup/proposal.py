@@ -26,6 +26,8 @@ LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
 HELD = "weight that gravity compensation leaves"
 """Of links that a controller was told to hold by a model of its own."""
+FED_FORWARD = "speed fed forward"
+"""Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
@@ -70,7 +72,7 @@ def propose(
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
         *_of_springs(model, joints),
     ]
-    lines += _punches(model, servos)
+    lines += [*_leads(servos), *_punches(model, servos)]
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints)]
@@ -246,6 +248,11 @@ def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: 
             if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
                 return True
     return False
+
+
+def _leads(servos: Sequence[str]) -> list[Declaration]:
+    """Asked about before a punch, which would make up for what a lead does to smooth motion."""
+    return [Declaration("lead", (j,), optional=FED_FORWARD) for j in servos]
 
 
 def _punches(model: Model, servos: Sequence[str]) -> list[Declaration]:

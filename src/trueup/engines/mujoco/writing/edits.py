@@ -142,7 +142,7 @@ class Edits:
 
     def spring(self, joint: str) -> None:
         """The stiffness of a joint's spring, with its bent part where there is one, and where it rests."""
-        if self._same("joint", joint, "jnt_stiffness", "qpos_spring"):
+        if self._same("joint", joint, "jnt_stiffness", "jnt_stiffnesspoly", "qpos_spring"):
             return
         element, j = self._element("joint", joint), self._id("joint", joint)
         bent = self._wanted.jnt_stiffnesspoly[j]
@@ -174,7 +174,8 @@ class Edits:
             raise ModelError(f"the gear of '{joint}' needs a joint directly in its body, and no keyframes")
         attributes = {
             "name": name, "type": "hinge" if self._turns(j) else "slide", "axis": numbers(m.jnt_axis[j]),
-            "pos": numbers(m.jnt_pos[j]), "ref": "0", "stiffness": number(m.jnt_stiffness[j]), "limited": "true",
+            "pos": numbers(m.jnt_pos[j]), "ref": "0", "limited": "true",
+            "stiffness": numbers([m.jnt_stiffness[j], *m.jnt_stiffnesspoly[j]]),
             "range": numbers(self._as_written(j, m.jnt_range[j])),
             "solreflimit": numbers(m.jnt_solref[j]), "solimplimit": numbers(m.jnt_solimp[j]),
             "margin": number(m.jnt_margin[j]), "damping": numbers([m.dof_damping[dof], *m.dof_dampingpoly[dof]]),
@@ -267,7 +268,7 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
     **dict.fromkeys(("joint.damping", "joint.damping_quadratic"), Edits.damping),
     "joint.friction": _copied("joint", "dof_frictionloss", "frictionloss"), "joint.creep": Edits.creep,
     "joint.armature": _copied("joint", "dof_armature", "armature"),
-    **dict.fromkeys(("joint.spring", "joint.spring_rest"), Edits.spring),
+    **dict.fromkeys(("joint.spring", "joint.spring_cubic", "joint.spring_rest"), Edits.spring),
     **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), Edits.stops),
     "joint.backlash": _behind("slack"),
     **dict.fromkeys(("joint.gear_backlash", "joint.gear_compliance"), _behind("gear")),

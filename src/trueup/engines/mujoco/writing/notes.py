@@ -43,10 +43,13 @@ def usage_of(simulator: MujocoSimulator, values: Array, path: Path) -> tuple[str
     driven = simulator.model.driven or simulator.model
     columns = [driven.columns()[n] for n in punches_of(simulator, values) if has_drive(simulator, driven, n)]
     onsets = f"; commands = np.hstack([commands, commands[:, {columns}]])" if columns else ""
+    leads = leads_of(simulator, values)
+    ahead = [leads.get(name, 0.0) for name in driven.names("actuator")[: known.compiled.nu]]
+    led = f"; commands = commands + {[round(x, 6) for x in ahead]} * np.gradient(commands, times, axis=0)" * any(ahead)
     return (
         f"# times (n,) in s from 0 on and commands (n, {known.compiled.nu}) of a log's rows, each held until the next; "
         "once reset, set data.qpos to where it begins",
-        f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model){onsets}',
+        f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model){led}{onsets}',
         *_holding(simulator.model, known),
         begin + _held_at(simulator.model, known),
         "while data.time < times[-1]:  # commands come within steps too: each step takes their mean over it",
@@ -107,6 +110,16 @@ def punches_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
         for quantity, value in zip(simulator.quantities, values, strict=True)
         for target in quantity.targets
         if quantity.kind == "punch" and value > 0.0
+    }
+
+
+def leads_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
+    """How far ahead along their speed commands are taken in s, by actuator, of those that are."""
+    return {
+        target: float(value)
+        for quantity, value in zip(simulator.quantities, values, strict=True)
+        for target in quantity.targets
+        if quantity.kind == "lead" and value > 0.0
     }
 
 
