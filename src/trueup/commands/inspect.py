@@ -176,7 +176,7 @@ def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
 def _renamed(
     guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str], others: Collection[str]
 ) -> tuple[ChannelMap, list[str]]:
-    """The guess with names of the model's joints, found apart for what was measured and told (gripper_width, gripper); notes."""
+    """The guess with names of the model's joints, apart for what was measured (gripper_width) and told (gripper); notes."""
     labels = [label for label in _labels(recordings) if label not in others]
     if all(label in drives for label in labels):
         return guess, []
