@@ -198,10 +198,7 @@ class ParameterSpace:
         low, high, log = self._box()
         inside = low + box * (high - low)
         values = np.broadcast_to(self.nominal, (*box.shape[:-1], len(self))).copy()
-        free = np.where(log, np.exp(np.where(log, inside, 0.0)), inside)
-        # exp(log(bound)) may lie beyond it by a last bit: a file that says so is refused.
-        ends = [np.array([getattr(p, end) for p in self.parameters if not p.frozen]) for end in ("lower", "upper")]
-        values[..., self.free] = np.where((box >= 0.0) & (box <= 1.0), np.clip(free, *ends), free)
+        values[..., self.free] = np.where(log, np.exp(np.where(log, inside, 0.0)), inside)
         return values
 
     def named(self, unit: ArrayLike) -> list[dict[str, float]]:

@@ -61,6 +61,19 @@ def test_what_is_written_is_read_back_as_the_same_parameters(model: Model, tmp_p
         assert [getattr(one, k) for k in kept] == [getattr(other, k) for k in kept]
 
 
+def test_a_value_beyond_its_bound_by_a_last_bit_is_read_back_at_the_bound(model: Model, tmp_path: Path) -> None:
+    space, quantities = declare(model, LINES)
+    below = [p.lower - 1e-12 * abs(p.lower) for p in space.parameters]
+    estimates = tuple(
+        Estimate(p.name, p.unit, v, v, np.nan, np.nan, p.lower, p.upper, not p.frozen, "weak")
+        for p, v in zip(space.parameters, below, strict=True)
+    )
+    found = Calibration("legs", estimates, (), (), np.zeros((0, 0)))
+    write_parameters(found, space, quantities, tmp_path / "p.toml")
+    again, _ = declare(model, read_declarations(tmp_path / "p.toml"))
+    assert again.nominal.tolist() == [p.lower for p in space.parameters]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -19,6 +19,7 @@ from trueup.calibration import Calibration, Estimate
 from trueup.errors import ParameterError
 from trueup.formats.aside import write_aside
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.rounding import ROUNDED
 from trueup.typed_toml import build
 
 
@@ -119,6 +120,12 @@ def _key(name: str) -> str:
     return name if name.isidentifier() else json.dumps(name)
 
 
+def _inside(value: float, parameter: Parameter) -> float:
+    """A value that lies beyond a bound by rounding alone, as exp(log(bound)) does, at it: the file would be refused."""
+    within = min(max(value, parameter.lower), parameter.upper)
+    return within if abs(value - within) <= ROUNDED * abs(within) else value
+
+
 def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> list[str]:
     label = estimate.name.removesuffix(f".{assignment.kind}")
     targets = ["*"] if WORLD in assignment.targets else list(assignment.targets)
@@ -129,7 +136,7 @@ def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> 
         rows["tie"] = tie
     if label != targets[0]:
         rows["name"] = label
-    rows |= {"nominal": estimate.value, "unit": estimate.unit, "start": estimate.start}
+    rows |= {"nominal": _inside(estimate.value, parameter), "unit": estimate.unit, "start": estimate.start}
     if math.isfinite(estimate.low) and math.isfinite(estimate.high):
         rows |= {"low": estimate.low, "high": estimate.high}
     rows |= {"lower": parameter.lower, "upper": parameter.upper, "scale": parameter.scale, "verdict": estimate.verdict}

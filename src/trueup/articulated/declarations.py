@@ -74,6 +74,8 @@ LACKING = {
     "links of another mass or balance": ("mass", "com_x", "com_y", "com_z"),
 }
 """What robots have and their models often lack, each the quantities that make it."""
+_REFINED = ("springs that stiffen",)
+"""Of these what refines another one, which stands for it among what recordings leave open."""
 
 
 def lacking(model: Model, assignments: Sequence[Assignment]) -> dict[str, tuple[Declaration, ...]]:
@@ -94,9 +96,13 @@ def lacking(model: Model, assignments: Sequence[Assignment]) -> dict[str, tuple[
 
 
 def alike(model: Model, structures: Mapping[str, tuple[Declaration, ...]]) -> list[dict[str, tuple[Declaration, ...]]]:
-    """Those of some structures that cannot be less than none, in groups for which a model is prepared alike."""
+    """Those of some structures that cannot be less than none, in groups for which a model is prepared alike; without what
+    only refines another one.
+    """
     groups: dict[str, dict[str, tuple[Declaration, ...]]] = {}
     for name, lines in structures.items():
+        if name in _REFINED:
+            continue
         space, assignments = declare(model, lines)
         if any(p.nominal <= p.lower for p in space.parameters):
             kinds = {a.quantity.needs for a in assignments}
