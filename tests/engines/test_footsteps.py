@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.attitude import smoothed_attitude
 from trueup.articulated.pose import angles_of, turning, up_of
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
-from trueup.engines.mujoco.setup.attitude import smoothed_attitude
 from trueup.engines.mujoco.setup.footsteps import legs_of
 from trueup.grounding.others import as_shown, others_of
 from trueup.inspection.sliding import sliding

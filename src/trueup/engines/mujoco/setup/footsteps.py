@@ -8,37 +8,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.articulated.attitude import attitude, by_gravity, smoothed_attitude
 from trueup.articulated.inertial import with_inertial_units
 from trueup.articulated.pose import (
     ANGLES,
     AXES,
     ORIENTATION,
     POSITION,
-    QUATERNION,
     RATES,
     in_angles,
     quaternion_of,
-    up_of,
 )
-from trueup.ends import TILT
 from trueup.engines.mujoco.base import free_joint, held
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.setup.attitude import by_gravity, smoothed_attitude
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.engines.mujoco.setup.footing import on_a_plane
 from trueup.engines.mujoco.setup.mounting import on_base
 from trueup.engines.mujoco.setup.stance import stood
 from trueup.engines.mujoco.setup.treading import trod
-from trueup.formats.rules.bases import OTHERS, SOURCES
-from trueup.formats.rules.names import listed, words
 from trueup.inspection.sensors import sensed
 from trueup.inspection.sliding import Legs
 from trueup.reckoned import RECKONED
 from trueup.recording import Channel, Recording
-from trueup.samples import between, is_unit
-from trueup.units import hardly_radians
-
-_TURNS = listed("quat quaternion orientation ori rotation rot attitude rpy euler q")
+from trueup.samples import between
 
 
 def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -154,43 +146,3 @@ def _turning(model: Model, recording: Recording) -> tuple[Channel, Channel | Non
     angles, changes = smoothed_attitude(time, rates, between(time, late, pulls))
     how = (f"'{gyro}'", f"'{accelerometer}'")
     return Channel(ORIENTATION, ANGLES, "rad", time, angles), Channel(RATES, ANGLES, "rad/s", time, changes), how
-
-
-def attitude(recording: Recording) -> Channel | None:
-    """How the robot was turned, as an inertial unit, or whatever is on its base, says under another name than
-    `base_orientation`: a quaternion, or roll, pitch and yaw, upright in the median. None where nothing, or several, do.
-    """
-    found = list[Channel]()
-    alone = [recording.channels.get(f"q{axis}") for axis in QUATERNION]
-    if all(c is not None and c.values.shape[1] == 1 for c in alone):  # four channels that are named by their axes alone
-        first, *more = [c for c in alone if c is not None]
-        if all(np.array_equal(c.time, first.time) for c in more):
-            values = np.hstack([first.values, *(c.values for c in more)])
-            found.append(first.replace(name="qw, qx, qy, qz", labels=QUATERNION, unit="", values=values))
-    for name, channel in recording.channels.items():
-        plain = set(words(name)) - {"deg", "rad"}
-        of_base = "imu" in plain or any(plain & source for source in SOURCES) or plain <= _TURNS
-        if of_base and not plain & (OTHERS - {"imu"}):
-            found += _as_turns(channel)
-    upright = [c for c in found if _up(c) > np.cos(TILT)]  # a unit that is mounted otherwise says more
-    return upright[0] if len(upright) == 1 else None
-
-
-def _as_turns(channel: Channel) -> list[Channel]:
-    """A channel as a quaternion w, x, y, z, or roll, pitch, yaw in rad; none where it is neither."""
-    ends = [label.rsplit(".", 1)[-1].removeprefix("q") for label in channel.labels]
-    good = np.isfinite(channel.values).all(axis=1)
-    if sorted(ends) == sorted(QUATERNION) and is_unit(channel.values[good]):
-        order = [ends.index(axis) for axis in QUATERNION]
-        return [channel.replace(labels=QUATERNION, unit="", units=(), values=channel.values[:, order])]
-    if sorted(ends) != sorted(ANGLES) or channel.unit not in ("", "rad") or not good.any():
-        return []
-    degrees = not channel.unit and hardly_radians(float(np.abs(channel.values[good]).max()))
-    values = channel.values[:, [ends.index(axis) for axis in ANGLES]]
-    return [channel.replace(labels=ANGLES, unit="rad", units=(), values=np.radians(values) if degrees else values)]
-
-
-def _up(channel: Channel) -> float:
-    """Cosine of the angle between what points up of the base and of the world, in the median."""
-    values = channel.values[np.isfinite(channel.values).all(axis=1)]
-    return float(np.median(up_of(quaternion_of(values) if channel.labels == ANGLES else values)[:, 2]))

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.attitude import BEGINNING
 from trueup.ends import TILT
 from trueup.engines.mujoco.attributes import is_motor
 from trueup.engines.mujoco.model import Model
@@ -18,7 +19,6 @@ from trueup.instant import STILL
 from trueup.recording import Recording
 from trueup.trial import command_of
 
-BEGINNING = 0.1  # s in which a robot rests that begins at rest
 _SETTLED = 2.0  # s in which servos come to rest under their load
 
 

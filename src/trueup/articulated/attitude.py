@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a robot was turned all along, by its gyro and its accelerometer."""
+"""How a robot was turned all along: as its inertial unit says, or by a gyro and an accelerometer."""
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from trueup.arrays import Array, Mask
@@ -12,23 +11,29 @@ from trueup.articulated.pose import (
     ANGLES,
     AXES,
     ORIENTATION,
+    QUATERNION,
     angles_of,
     product,
     quaternion_of,
     quaternions_of_vectors,
     rates_of,
+    up_of,
 )
 from trueup.ends import TILT
-from trueup.engines.mujoco.setup.stance import BEGINNING
+from trueup.formats.rules.bases import OTHERS, SOURCES, TURNS
 from trueup.formats.rules.names import words
 from trueup.inspection.sensors import is_gyro
 from trueup.instant import MOVING
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
-from trueup.samples import between, unwound
-from trueup.units import GRAVITY
+from trueup.samples import between, is_unit, unwound
+from trueup.units import GRAVITY, hardly_radians
 
+BEGINNING = 0.1
+"""s in which a robot rests that begins at rest."""
+_TURNS = TURNS | {"q"}
+"""Names that say by themselves how something was turned."""
 _FEWEST = 5  # samples of a smoothing spline
 _ROUNDS = 3  # of what the accelerometer mends, each of which leaves the cube of the tilt
 
@@ -43,9 +48,9 @@ def smoothed_attitude(time: Array, rates: Array, pulls: Array) -> tuple[Array, A
     counts as much more as it scatters less.
     """
     rates, rests = _from_rest(time, rates)
-    upright = _upright(pulls[rests if rests.any() else time <= time[0] + CALM].mean(axis=0))
-    rates = rates + _drift(time, rates, pulls, upright)
-    turns = _turned(time, rates, upright)
+    up = pulls[rests if rests.any() else time <= time[0] + CALM].mean(axis=0)
+    rates = rates + _drift(time, rates, pulls, up)
+    turns = _turned(time, rates, _upright(up))
     calm = np.var(pulls[rests], axis=0).sum() if rests.any() else 1.0
     weights = np.where(rests, np.var(pulls, axis=0).sum() / max(calm, TINY), 1.0)
     for _ in range(_ROUNDS if len(time) >= _FEWEST else 0):
@@ -88,28 +93,33 @@ def _from_rest(time: Array, rates: Array) -> tuple[Array, Mask]:
     return (rates, np.zeros(len(time), dtype=np.bool_)) if moves else (rates - rates[first].mean(axis=0), first)
 
 
-def _drift(time: Array, rates: Array, pulls: Array, upright: Array) -> Array:
+def _drift(time: Array, rates: Array, pulls: Array, up: Array) -> Array:
     """(3,) rad/s that are to be added to a gyro's rates for gravity to stay where it is, in the mean: a complementary filter
     (Mahony, Hamel and Pflimlin, IEEE Transactions on Automatic Control 2008, the passive one) has to add so much, which
-    begins with the quaternion `upright` (4,).
+    begins with what points `up` (3,).
     """
-    turn, matrix, added = upright.copy(), np.empty(9), np.zeros(3)
-    for i, dt in enumerate(np.diff(time).tolist()):
-        mujoco.mju_quat2Mat(matrix, turn)
-        more = np.cross(pulls[i] / GRAVITY, matrix[6:]) / CALM
-        added += more * dt
-        mujoco.mju_quatIntegrate(turn, 0.5 * (rates[i] + rates[i + 1]) + more, dt)
-    return np.asarray(added / (time[-1] - time[0]), dtype=np.float64)
+    x, y, z = (up / np.linalg.norm(up)).tolist()
+    steps, mean, added = np.diff(time).tolist(), 0.5 * (rates[1:] + rates[:-1]), np.zeros((len(time) - 1, 3))
+    for i, (dt, (p, q, r), (a, b, c)) in enumerate(zip(steps, mean.tolist(), (pulls / GRAVITY).tolist(), strict=False)):
+        more = ((b * z - c * y) / CALM, (c * x - a * z) / CALM, (a * y - b * x) / CALM)
+        p, q, r = p + more[0], q + more[1], r + more[2]
+        x, y, z = x + dt * (y * r - z * q), y + dt * (z * p - x * r), z + dt * (x * q - y * p)
+        length = (x * x + y * y + z * z) ** 0.5
+        x, y, z, added[i] = x / length, y / length, z / length, more
+    return np.asarray(np.diff(time) @ added / (time[-1] - time[0]), dtype=np.float64)
 
 
 def _turned(time: Array, rates: Array, upright: Array) -> Array:
     """(T, 4) quaternions by the gyro alone, from the first on."""
-    turn, turns = upright.copy(), np.empty((len(time), 4))
-    turns[0] = turn
-    for i, dt in enumerate(np.diff(time).tolist()):
-        mujoco.mju_quatIntegrate(turn, 0.5 * (rates[i] + rates[i + 1]), dt)
-        turns[i + 1] = turn
-    return turns
+    turns = quaternions_of_vectors(0.5 * (rates[1:] + rates[:-1]) * np.diff(time)[:, None])
+    found = [tuple(upright.tolist())]
+    for a, b, c, d in turns.tolist():  # each about the body's own axes
+        w, x, y, z = found[-1]
+        found.append((
+            w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
+            w * d + x * c - y * b + z * a,
+        ))  # fmt: skip
+    return np.array(found)
 
 
 def _upright(up: Array) -> Array:
@@ -131,3 +141,43 @@ def _smooth(time: Array, values: Array, weights: Array) -> Array:
     return np.asarray(
         make_smoothing_spline(time, values, weights, lam=(2.0 * CALM) ** 4 / step)(time), dtype=np.float64
     )
+
+
+def attitude(recording: Recording) -> Channel | None:
+    """How the robot was turned, as an inertial unit, or whatever is on its base, says under another name than
+    `base_orientation`: a quaternion, or roll, pitch and yaw, upright in the median. None where nothing, or several, do.
+    """
+    found = list[Channel]()
+    alone = [recording.channels.get(f"q{axis}") for axis in QUATERNION]
+    if all(c is not None and c.values.shape[1] == 1 for c in alone):  # four channels that are named by their axes alone
+        first, *more = [c for c in alone if c is not None]
+        if all(np.array_equal(c.time, first.time) for c in more):
+            values = np.hstack([first.values, *(c.values for c in more)])
+            found.append(first.replace(name="qw, qx, qy, qz", labels=QUATERNION, unit="", values=values))
+    for name, channel in recording.channels.items():
+        plain = set(words(name)) - {"deg", "rad"}
+        of_base = "imu" in plain or any(plain & source for source in SOURCES) or plain <= _TURNS
+        if of_base and not plain & (OTHERS - {"imu"}):
+            found += _as_turns(channel)
+    upright = [c for c in found if _up(c) > np.cos(TILT)]  # a unit that is mounted otherwise says more
+    return upright[0] if len(upright) == 1 else None
+
+
+def _as_turns(channel: Channel) -> list[Channel]:
+    """A channel as a quaternion w, x, y, z, or roll, pitch, yaw in rad; none where it is neither."""
+    ends = [label.rsplit(".", 1)[-1].removeprefix("q") for label in channel.labels]
+    good = np.isfinite(channel.values).all(axis=1)
+    if sorted(ends) == sorted(QUATERNION) and is_unit(channel.values[good]):
+        order = [ends.index(axis) for axis in QUATERNION]
+        return [channel.replace(labels=QUATERNION, unit="", units=(), values=channel.values[:, order])]
+    if sorted(ends) != sorted(ANGLES) or channel.unit not in ("", "rad") or not good.any():
+        return []
+    degrees = not channel.unit and hardly_radians(float(np.abs(channel.values[good]).max()))
+    values = channel.values[:, [ends.index(axis) for axis in ANGLES]]
+    return [channel.replace(labels=ANGLES, unit="rad", units=(), values=np.radians(values) if degrees else values)]
+
+
+def _up(channel: Channel) -> float:
+    """Cosine of the angle between what points up of the base and of the world, in the median."""
+    values = channel.values[np.isfinite(channel.values).all(axis=1)]
+    return float(np.median(up_of(quaternion_of(values) if channel.labels == ANGLES else values)[:, 2]))
