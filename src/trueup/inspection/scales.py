@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
+from trueup.inspection.relations import CORRELATED
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
@@ -30,8 +31,6 @@ _BESIDE = 0.1
 """Of its range (or of shares of it) that a slide may be measured beyond its ends."""
 _FARTHER = 4.0
 """Times as far as it was told that no joint goes which follows its commands in their unit; in degrees it is 57."""
-_FOLLOWED = 0.9
-"""Correlation of a joint with its commands from which on it follows them."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
@@ -125,7 +124,7 @@ def _times_as_far(recording: Recording, label: str) -> float:
         return 0.0
     told, seen = command.select([label]).at(position.time, hold=True)[:, 0], position.column(label)
     good = np.isfinite(told) & np.isfinite(seen)
-    if correlation(told, seen) < _FOLLOWED:
+    if correlation(told, seen) < CORRELATED:
         return 0.0
     return float(np.std(seen[good]) / np.std(told[good]))
 

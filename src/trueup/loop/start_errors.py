@@ -42,10 +42,10 @@ def with_start_errors(problem: Problem, values: Array) -> Problem:
 
 def _errors(problem: Problem, values: Array) -> Iterator[tuple[str, Array]]:
     """Channels that were reckoned, each with (2, T, k) errors of its values and speeds in a simulated run."""
-    trials = [t for t, k in zip(problem.trials, problem.owners, strict=True) if reckoned_of(problem.recordings[k])]
-    owners = [problem.recordings[k] for k in problem.owners if reckoned_of(problem.recordings[k])]
-    watched = [_watched(problem, t, r) for t, r in zip(trials, owners, strict=True)]
-    for run, recording in zip(problem.simulator.rollout(watched, values[None]) if watched else (), owners, strict=True):
+    every = [(t, problem.recordings[k]) for t, k in zip(problem.trials, problem.owners, strict=True)]
+    asked = [(t, r) for t, r in every if reckoned_of(r)]
+    runs = problem.simulator.rollout([_watched(problem, t, r) for t, r in asked], values[None]) if asked else ()
+    for run, (_, recording) in zip(runs, asked, strict=True):
         seen, gone = run.recording(), reckoned_of(recording)
         told = seen.replace(channels={n: c for n, c in seen.channels.items() if n not in gone})
         again = None if run.failures else reckoned_as(problem.simulator, told)

@@ -56,9 +56,9 @@ def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Record
     how = sorted({what for f in known for what in f[1]})
     note = (
         f"no recording tells where the base was, and it stood on the floor ({against}): its pose is reckoned from "
-        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin there, as "
-        f"near to it as the model itself is reckoned, and are not compared with it. If it hopped, or feet slipped for long, "
-        f"log {POSITION}; if it hung, refuse this"
+        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin "
+        f"there, as unsure as simulated runs show it to be, and are not compared with it. If it hopped, or feet slipped for "
+        f"long, log {POSITION}; if it hung, refuse this"
     )
     return [f[0] for f in known], [note]
 

@@ -15,7 +15,7 @@ from trueup.articulated.wiring import commanded, control_of
 from trueup.engines.mujoco.base import place
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.stance import told
-from trueup.evidence import HALVED, STANDARD_ERRORS
+from trueup.evidence import STANDARD_ERRORS
 from trueup.recording import Recording
 from trueup.trial import Trial, command_of
 
@@ -44,7 +44,7 @@ def trod(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording]) 
         return ""
     share = float(along.sum() / apart.sum())
     error = float(np.sqrt(np.sum((along - share * apart) ** 2)) / apart.sum())
-    if share - STANDARD_ERRORS * error < HALVED:
+    if share - STANDARD_ERRORS * error < 0.5:  # surely nearer to the first
         return ""
     return (
         f"{_LASTING:g} s ahead joints are {100.0 * share:.0f} % of the way (standard error {100.0 * error:.0f}) from where "

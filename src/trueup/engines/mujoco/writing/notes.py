@@ -105,21 +105,21 @@ def delays_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
 
 def punches_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
     """Punches of servos in N m, by actuator, of those that have any."""
-    return {
-        target: float(value)
-        for quantity, value in zip(simulator.quantities, values, strict=True)
-        for target in quantity.targets
-        if quantity.kind == "punch" and value > 0.0
-    }
+    return _above_none(simulator, values, "punch")
 
 
 def leads_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
     """How far ahead along their speed commands are taken in s, by actuator, of those that are."""
+    return _above_none(simulator, values, "lead")
+
+
+def _above_none(simulator: MujocoSimulator, values: Array, kind: str) -> dict[str, float]:
+    """Values of quantities of a kind, by what they are of, of those that are more than none."""
     return {
         target: float(value)
         for quantity, value in zip(simulator.quantities, values, strict=True)
         for target in quantity.targets
-        if quantity.kind == "lead" and value > 0.0
+        if quantity.kind == kind and value > 0.0
     }
 
 
