@@ -31,10 +31,11 @@ def profiles(run: Run) -> None:
     each limit where the recordings are not replayed to about their noise.
 
     Slopes along a delay are those of a stair's tread, and rates, limits and damping make up for the one at which a search
-    over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere while
-    gains are wrong, or structures wait. Not where so much was recorded that joints are searched alone: every place would cost the engine minutes.
-    Nor in windows: what is not replayed there is mostly noise at their starts, and replays that short are smooth. Nor where
-    feet touch: all that is searched has cracks there, and a quadruped's profiles took most of the time and led nowhere.
+    over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere
+    while gains are wrong, or structures wait. Not where so much was recorded that joints are searched alone: every place
+    would cost the engine minutes. Nor in windows: what is not replayed there is mostly noise at their starts, and replays
+    that short are smooth. Nor where feet touch: all that is searched has cracks there, and a quadruped's profiles took most
+    of the time and led nowhere.
     """
     if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
         return
