@@ -245,7 +245,7 @@ class Preparation:
         return replace(self, simulator=simulator, recordings=suited.training, hold_out=suited.held_out)
 
     def unused(self) -> tuple[str, ...]:
-        """A note on measured channels that the model has nothing to compare with; where a base was may be reckoned from them."""
+        """A note on measured channels that the model has nothing to compare with; a base may be reckoned from them."""
         measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
         used = (
             name for r in self.recordings
