@@ -349,7 +349,7 @@ def test_a_quaternion_is_a_heading_under_either_names_and_what_is_no_heading_is_
         unused = " ".join(ready.unused())
         said = cleaned(ready.recordings[0]).provenance.get("warnings", "")
         assert ("no heading was recorded" in said) == ("orientation" in unused) == ("a" in labels)
-    assert "not used, since it is none of position" in unused
+    assert "not compared, since it is none of position" in unused
 
 
 def test_a_pose_and_a_command_in_files_side_by_side_are_told_to_go_into_one_folder(

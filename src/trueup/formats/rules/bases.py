@@ -80,13 +80,13 @@ SOURCES = tuple(
         "mocap vicon opti optitrack qualisys vrpn motive motion capture rigid",
         "ground truth",
         "base trunk torso body root pelvis floating pose robot world",
-        "odom odometry",
+        "odom odometry estimator",
     )
 )
 """Words for whose pose it is or who measured it, the better sources first."""
 OTHERS = TOOLS | listed(
     "imu command commanded cmd desired des target goal ref reference foot feet hand camera velocity vel twist "
-    "linear angular lin acc accel acceleration speed gyro omega"
+    "linear angular lin acc accel acceleration speed gyro omega v"
 )
 
 
