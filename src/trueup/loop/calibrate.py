@@ -36,7 +36,7 @@ from trueup.loop.replay import replays
 from trueup.loop.rivals import doubted, rivals, widened
 from trueup.loop.selection import Choice
 from trueup.loop.ties import considered
-from trueup.loop.uncertainty import unit_covariance
+from trueup.loop.uncertainty import as_wide_as_seen, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
 from trueup.parameters import ParameterSpace
@@ -203,7 +203,7 @@ def _findings(
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
-    covariance = unit_covariance(problem, found)
+    covariance = unit_covariance(problem, found := as_wide_as_seen(problem, found))
     unasked = unasked_by(problem, found) if chosen.lacking is None else ()
     lacking = None if unasked or chosen.lacking is False else missing(problem, found, earlier)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes), *unasked)

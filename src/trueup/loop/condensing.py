@@ -6,6 +6,7 @@ H. G. Bock and K. J. Plitt, A multiple shooting algorithm for direct solution of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,3 +83,16 @@ def cut(trial: Trial, start: float, length: float) -> Trial:
             observed[name] = Observed(o.labels, o.unit, o.time[inside])
     left = trial.start + trial.duration - start
     return replace(trial, start=start, duration=min(length, left), observed=observed)
+
+
+def thinned(trials: Sequence[Trial]) -> Sequence[Trial]:
+    """With every so many samples only, where there are more than tell anything new."""
+    most_residuals = 600_000  # more cost memory and time and hardly add knowledge: samples are thinned evenly
+    total = sum(len(o.time) * len(o.labels) for t in trials for o in t.observed.values())
+    stride = int(np.ceil(total / most_residuals))
+    if stride <= 1:
+        return trials
+    return [
+        replace(t, observed={n: Observed(o.labels, o.unit, o.time[::stride]) for n, o in t.observed.items()})
+        for t in trials
+    ]

@@ -15,11 +15,12 @@ from trueup.ends import End
 from trueup.engines.mixed import Mixed
 from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator, broken
 from trueup.errors import CalibrationError, SimulationFailedError
-from trueup.loop.condensing import Eliminated, cut
+from trueup.loop.condensing import Eliminated, cut, thinned
 from trueup.loop.segment import Segment
+from trueup.loop.visited import Visited
 from trueup.recording import Recording
 from trueup.rounding import TINY
-from trueup.trial import Observed, Trial
+from trueup.trial import Trial
 
 FAITHFUL = 0.3
 """Share of the residuals by which a coarser step, or an approximation, may change them and be searched in their place."""
@@ -47,8 +48,9 @@ class Problem:
         self._exactly = False
         self._offset: Array | None = None
         self._last: tuple[bytes, Array] | None = None  # values and residuals of the last candidate that came alone
+        self.visited = Visited()
         self.eliminated: tuple[Eliminated, ...] = ()
-        trials = _thinned([_trial(simulator, r, channels) for r in recordings])
+        trials = thinned([_trial(simulator, r, channels) for r in recordings])
         self._lay_out([replace(t, ends=tuple(ends)) for t in trials] if ends else trials, range(len(trials)))
 
     def _lay_out(self, trials: Sequence[Trial], owners: Sequence[int]) -> None:
@@ -62,7 +64,7 @@ class Problem:
     def _twin(self) -> Problem:
         twin = object.__new__(Problem)
         twin.__dict__.update(self.__dict__)
-        twin._last = None
+        twin._last, twin.visited = None, Visited()
         return twin
 
     @property
@@ -205,6 +207,7 @@ class Problem:
             residuals = residuals + self._offset
         if len(rows) == 1:
             self._last = rows.tobytes(), residuals.copy()
+        self.visited.add(rows, residuals)
         return residuals
 
     def plain_residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
@@ -286,15 +289,3 @@ def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] |
             f"{', '.join(recording.channels)}"
         )
     return Trial.of(recording, wanted)
-
-
-def _thinned(trials: Sequence[Trial]) -> Sequence[Trial]:
-    most_residuals = 600_000  # more cost memory and time and hardly add knowledge: samples are thinned evenly
-    total = sum(len(o.time) * len(o.labels) for t in trials for o in t.observed.values())
-    stride = int(np.ceil(total / most_residuals))
-    if stride <= 1:
-        return trials
-    return [
-        replace(t, observed={n: Observed(o.labels, o.unit, o.time[::stride]) for n, o in t.observed.items()})
-        for t in trials
-    ]

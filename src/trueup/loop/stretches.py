@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How sure estimates are of a simulator that predicts a trial in stretches, each from what was measured until it begins."""
+"""How sure estimates are of a simulator that predicts a trial in stretches, each from what was measured until it begins.
+
+Commands that take effect just before or just after a stretch begins put kinks and walls into the loss: a hair's change of any
+number ends a search elsewhere, and slopes there are those of one side of a kink. What was simulated on the way tells more.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.calibration import NORMAL_95
 from trueup.engines.simulator import InPlaceOf
 from trueup.evidence import jackknife
 from trueup.loop.descent import Fit
@@ -25,16 +30,22 @@ class Stretched(Protocol):
         ...
 
 
+def stretched(problem: Problem) -> Stretched | None:
+    """What predicts the trials of a problem in stretches; None where they are replayed whole."""
+    simulator = problem.simulator
+    while isinstance(simulator, InPlaceOf):
+        simulator = simulator.whole
+    return simulator if isinstance(simulator, Stretched) else None
+
+
 def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | None:
     """(n_free,) variances by leaving out each of the stretches in turn that trials are predicted in (the cluster jackknife:
     J. MacKinnon, M. Nielsen, M. Webb, J. Applied Econometrics 38(5), 2023): what lasts as long as one, in all that is
     measured there, and what is wrong in a few of them alone, where slopes are large. None where these are no more than the
     parameters.
     """
-    simulator = problem.simulator
-    while isinstance(simulator, InPlaceOf):
-        simulator = simulator.whole
-    if not isinstance(simulator, Stretched):
+    simulator = stretched(problem)
+    if simulator is None:
         return None
     n = fit.jacobian.shape[1]
     pulls, curvatures = dict[tuple[int, int], Array](), dict[tuple[int, int], Array]()
@@ -53,3 +64,15 @@ def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | No
     whole = sum(curvatures.values(), prior * np.eye(n))
     steps = np.array([np.linalg.solve(whole - curvatures[at], pull) for at, pull in pulls.items()], dtype=np.float64)
     return jackknife(steps) ** 2
+
+
+def seen_as_good(problem: Problem, fit: Fit) -> Array | None:
+    """(n_free,) variances with which 95 % intervals reach as far as places were seen whose loss is no higher than chance may
+    make it: a likelihood region (W. Q. Meeker, L. A. Escobar, Am. Statistician 49, 1995). None where trials are replayed
+    whole.
+    """
+    if stretched(problem) is None:
+        return None
+    good = problem.visited.below(fit.loss + NORMAL_95**2 * problem.chance(fit.residual))
+    away = np.clip(fit.space.to_unit(good), 0.0, 1.0) - fit.unit if len(good) else fit.unit[None] * 0.0
+    return (np.abs(away).max(axis=0) / NORMAL_95) ** 2

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from trueup.arrays import Array, Mask
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.stretches import without_each_stretch
+from trueup.loop.stretches import seen_as_good, without_each_stretch
 from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.verdicts import PRIOR
 
@@ -48,6 +50,15 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
         wider = np.sqrt(np.maximum(between / np.maximum(np.diag(covariance), TINY), 1.0))
         covariance *= wider[:, None] * wider
     return covariance if fit.scatter is None else covariance + fit.scatter
+
+
+def as_wide_as_seen(problem: Problem, fit: Fit) -> Fit:
+    """The fit with a `scatter` that has intervals hold all places that were seen to be as good (see `stretches.py`)."""
+    reach = seen_as_good(problem, fit)
+    if reach is None:
+        return fit
+    scatter = np.diag(np.maximum(reach - np.diag(unit_covariance(problem, fit)), 0.0))
+    return replace(fit, scatter=scatter if fit.scatter is None else scatter + fit.scatter)
 
 
 def curvature_inverse(fit: Fit, size: float = 1.0) -> Array:
