@@ -32,6 +32,7 @@ EXAMPLES = (
     Example("t,q_hip,q_cmd_hip,ax,ay,az,gx_dps,gy_dps,gz_dps",
             "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
             "position[rad] hip; acc[] x y z; gyro[deg/s] x y z"),
+    Example("t,q_hip,q_cmd_hip,wx,wy,wz", "0 .1 .2 1 2 3|.01 .2 .3 1 2 2|.02 .3 .4 2 2 3", "position[rad] hip; gyro[] x y z"),
     # Gravity alone, as some log it, is no gyro.
     Example("t,q_hip,q_cmd_hip,gx,gy,gz", "0 .1 .2 0 0 9|.01 .2 .3 0 0 9|.02 .3 .4 0 1 9", "position[rad] hip; gx[] gx"),
     # A joint that is called a motor, beside the one that it moves; elsewhere motors have angles of their own.
