@@ -7,35 +7,14 @@ number ends a search elsewhere, and slopes there are those of one side of a kink
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from trueup.arrays import Array, Integers
+from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
-from trueup.engines.simulator import InPlaceOf
 from trueup.evidence import jackknife
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.trial import Trial
-
-
-@runtime_checkable
-class Stretched(Protocol):
-    """Such a Simulator."""
-
-    def stretches(self, trial: Trial) -> Callable[[Array], tuple[Array, Integers]]:
-        """Of instants (T,): how long before each its stretch began, in s, NaN outside of all; and the number of that."""
-        ...
-
-
-def stretched(problem: Problem) -> Stretched | None:
-    """What predicts the trials of a problem in stretches; None where they are replayed whole."""
-    simulator = problem.simulator
-    while isinstance(simulator, InPlaceOf):
-        simulator = simulator.whole
-    return simulator if isinstance(simulator, Stretched) else None
+from trueup.loop.visited import stretched
 
 
 def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | None:
@@ -44,7 +23,7 @@ def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | No
     measured there, and what is wrong in a few of them alone, where slopes are large. None where these are no more than the
     parameters.
     """
-    simulator = stretched(problem)
+    simulator = stretched(problem.simulator)
     if simulator is None:
         return None
     n = fit.jacobian.shape[1]
@@ -71,7 +50,7 @@ def seen_as_good(problem: Problem, fit: Fit) -> Array | None:
     make it: a likelihood region (W. Q. Meeker, L. A. Escobar, Am. Statistician 49, 1995). None where trials are replayed
     whole.
     """
-    if stretched(problem) is None:
+    if stretched(problem.simulator) is None:
         return None
     good = problem.visited.below(fit.loss + NORMAL_95**2 * problem.chance(fit.residual))
     away = np.clip(fit.space.to_unit(good), 0.0, 1.0) - fit.unit if len(good) else fit.unit[None] * 0.0
