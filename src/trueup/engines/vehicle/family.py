@@ -39,6 +39,9 @@ BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
 the speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are searched
 with the first are bent to that, and to the lag of the last samples where the speed changes."""
 
+UNDERSTEER = "understeer"
+"""Of cars in calm curves: it is small beside the play of a steering, and yet moves what a command of steering is worth."""
+
 FRONT = (
     "speeds are commanded of the steered wheel, as of a tricycle: the unsteered axle is slower, by the cosine of the angle "
     "(driven = 'front'; say driven = 'rear' in the file if not)"
@@ -251,8 +254,16 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     # Nobody evens out wheels that are told one by one; what is told as a share is a motor's voltage.
     own = () if car.wheels is None else ("veer", "wheel_dead") if car.told_shares else ("veer",)
-    free = [q.name for q in car.quantities if (q.free or q.name in own) and q.name not in calm]
-    return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())
+    slips = [UNDERSTEER] if UNDERSTEER in calm and UNDERSTEER not in car.values else []
+    free = [q.name for q in car.quantities if (q.free or q.name in own) and (q.name not in calm or q.name in slips)]
+    space = _asked_about(car.space(free, look.starts(car), steers), slips)
+    return VehicleSimulator(car, space), (*taken, *(why for name, why in calm.items() if name not in slips))
+
+
+def _asked_about(space: ParameterSpace, names: Sequence[str]) -> ParameterSpace:
+    """With parameters that are looked for where left-out drives are foretold better than with their usual values."""
+    asked = (p.replace(optional=p.name, absent=p.nominal) if p.name in names else p for p in space.parameters)
+    return ParameterSpace(tuple(asked))
 
 
 def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> ParameterSpace:

@@ -28,8 +28,8 @@ _EARLIER = (3.0, 6.0)
 _BLOCK = 5.0
 """s that are left out together: longer than a speed's errors last."""
 _SLIDES = 3.0
-"""In m/s^2 sideways, a third of g. Below it a car hardly slips: its understeer is less than the play of a steering, so that a
-fit would bend it to mend something else, and be far off in the first fast curve. Chosen on JetRacer."""
+"""In m/s^2 sideways, a third of g. Below it a car hardly slips: what its tyres do at their limit does not show, and its
+understeer is of the size of the play of a steering, so that it is asked about before it is believed. Chosen on JetRacer."""
 
 
 @dataclass(frozen=True, eq=False)

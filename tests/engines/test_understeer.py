@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cars whose wheels need more angle than geometry says, in curves that are far from where tyres slide."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.loop.calibrate import Options
+from trueup.loop.fit import DESCENT
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+
+STEP, WHEELBASE, SPEED_SCALE = 0.005, 0.33, 0.97  # s, m
+TURNING = ("steering_*", "understeer", "pose_*", "speed_*", "relaxation")
+
+
+def driven(understeer: float, gain: float, seed: int = 0) -> Recording:
+    """40 s of steps of speed and steering, told in m/s and rad, with noise of 2 mm and 3 mrad; 2.5 m/s^2 sideways."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 40.0, STEP)
+    held = (time / 0.8).astype(int), (time / 2.5).astype(int)
+    steering = rng.uniform(-0.3, 0.3, 1 + held[0][-1])[held[0]]
+    asked = rng.uniform(0.6, 1.8, 1 + held[1][-1])[held[1]]
+    speed, wheel, late, told = np.zeros(len(time)), np.zeros(len(time)), round(0.1 / STEP), 0.0
+    for k in range(1, len(time)):
+        speed[k] = speed[k - 1] + 4.0 * STEP * (SPEED_SCALE * asked[max(k - 10, 0)] - speed[k - 1])
+        told += (1.0 - np.exp(-STEP / 0.06)) * (steering[max(k - late, 0)] - told)
+        wheel[k] = gain * told
+    heading = np.cumsum(STEP * speed * np.tan(wheel) / (WHEELBASE + understeer * speed**2))
+    way = np.cumsum(STEP * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    kept = slice(None, None, round(0.02 / STEP))
+    pose = (
+        way[kept] + rng.normal(0.0, 2e-3, (len(time[kept]), 2)),
+        heading[kept] + rng.normal(0.0, 3e-3, len(time[kept])),
+    )
+    command = np.stack([asked, steering], axis=1)[kept]
+    return Recording("steps", {
+        "command": Channel("command", ("speed", "steering"), "m/s", time[kept], command, ("m/s", "rad")),
+        "position": Channel("position", ("x", "y"), "m", time[kept], pose[0]),
+        "heading": Channel("heading", ("heading",), "rad", time[kept], pose[1][:, None]),
+    })  # fmt: skip
+
+
+def test_what_steering_is_worth_is_found_in_calm_curves_of_a_car_that_understeers(tmp_path: Path) -> None:
+    understeer = 0.02
+    (tmp_path / "car.toml").write_text(
+        f"[vehicle]\nwheelbase = {WHEELBASE}\n[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
+    )
+    ready = prepare(tmp_path / "car.toml", [driven(understeer, 0.95)]).only(TURNING)
+    found = {e.name: e for e in ready.calibrate(Options(stages=DESCENT, lacking=False)).estimates}
+    assert found["understeer"].value == pytest.approx(understeer, abs=6e-3)
+    for side in ("steering_left", "steering_right"):
+        assert found[side].value == pytest.approx(0.95, rel=0.03)
+        assert found[side].low <= 0.95 <= found[side].high
