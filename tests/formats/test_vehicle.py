@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -351,3 +352,29 @@ def test_what_is_said_of_units_tells_those_of_the_file_from_those_kept(tmp_path:
     assert "v_cmd_mps and steer_deg taken as speed, steering in m/s and deg, kept in m/s and rad\n" in said[1e3]
     assert "x and y taken as x, y in m\n" in said[1.0]
     assert "kept" not in said[1.0]
+
+
+def test_speeds_along_x_and_y_of_the_place_are_no_speed_along_the_vehicle(tmp_path: Path) -> None:
+    """PX4's vx and vy are north and east; a robot's own are ahead and to the left."""
+    time, turned = np.arange(0.0, 8.0, 0.02), 0.8 * np.arange(0.0, 8.0, 0.02)
+    x, y, vx, vy = np.sin(turned), 1.0 - np.cos(turned), 0.8 * np.cos(turned), 0.8 * np.sin(turned)
+    for speeds, told in (((vx, vy), False), ((0.8 + 0.0 * time, 0.01 * np.sin(9.0 * time)), True)):
+        rows = np.stack([time, 0.4 + 0.1 * np.sin(time), np.cos(time), x, y, turned, *speeds], axis=1)
+        np.savetxt(
+            tmp_path / "drive.csv", rows, delimiter=",", header="t,throttle,steer,x,y,heading,vx,vy", comments=""
+        )
+        (recording,) = read(tmp_path / "drive.csv", joints=None)
+        assert ("speed" in recording.channels) == told
+        assert recording.channel("position").labels == ("x", "y")
+
+
+def test_a_donkey_cars_catalog_is_read(tmp_path: Path) -> None:
+    lines = [
+        {"_index": k, "_timestamp_ms": 1.6e12 + 50.0 * k, "user/angle": 0.1 * (k % 5), "user/throttle": 0.3,
+         "user/mode": "user", "pos/x": 0.05 * k, "pos/y": 0.0, "pos/theta": 0.0}
+        for k in range(40)
+    ]  # fmt: skip
+    (tmp_path / "catalog_0.catalog").write_text("\n".join(json.dumps(line) for line in lines))
+    (recording,) = read(tmp_path / "catalog_0.catalog", joints=None)
+    assert recording.channel("command").labels == ("throttle", "steering")
+    assert recording.channel("command").time[-1] == pytest.approx(39 * 0.05)

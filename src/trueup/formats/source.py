@@ -24,7 +24,7 @@ from trueup.recording import Recording, with_warnings
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
 _READERS = {
     **dict.fromkeys(_TEXT, csv.read),
-    **dict.fromkeys((".json", ".jsonl", ".ndjson"), json.read),
+    **dict.fromkeys((".json", ".jsonl", ".ndjson", ".catalog"), json.read),
     **dict.fromkeys((".npz", ".npy"), npz.read),
     **dict.fromkeys((".parquet", ".pq"), parquet.read),
     ".mat": matlab.read,

@@ -14,7 +14,7 @@ from trueup.formats.rules import joints, vehicles, wheels, wiring
 from trueup.formats.rules.commanded import commanded
 from trueup.formats.rules.names import listed
 from trueup.formats.rules.rule import Column, Part
-from trueup.formats.rules.sizes import instants_of, rate_factor, speed_of, usable
+from trueup.formats.rules.sizes import are_rates, instants_of, rate_factor, speed_of, usable
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.formats.table import listing
 from trueup.inspection.relations import nearest
@@ -51,7 +51,7 @@ def drive(columns: Sequence[Column], time: TimeColumn, *, vehicle: bool = False)
         told = wiring.commanded(paired, place, heading, time)
         if told is None and place:
             told = wiring.commanded(wheels.numbered(columns), place, heading, time)
-        if told is None or (not place and any(_is_joints(c) for c in others)):
+        if told is None or (not place and any(joints.read(c.parts).is_position for c in others)):
             return _pose_alone(signals, columns, time)
         parts = [wiring.part("command", told.command, told.sign, told.notes)]
         rest = [s for s in signals if s.column not in told.command.every]
@@ -82,8 +82,13 @@ def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) ->
     place = _place(signals)
     found = [_part("position", place, time, parts)] if place else []
     found += _direction(signals, next(iter(place.values())).source if place else frozenset(), time)
+    across = {s.source: s.column for s in signals if s.kind == "sideways" and not s.commanded}
+    along = [s.column for s in place.values()]  # vx and vy of a place, as PX4 logs them, are no speed along the vehicle
+    other = [
+        s for s in signals if place and s.source in across and are_rates((s.column, across[s.source]), along, time)
+    ]
     for name in ("speed", "yaw_rate"):
-        one = best([s for s in signals if s.kind == name and not s.commanded and s not in place.values()])
+        one = best([s for s in signals if s.kind == name and not s.commanded and s not in (*place.values(), *other)])
         found += [_part(name, {name: one}, time, [*parts, *found])] if one else []
     return found
 
@@ -98,12 +103,6 @@ def _pose_alone(signals: list[Signal], columns: Sequence[Column], time: TimeColu
     if not turn or any(r.command or (r.joint and r.kind) for r in said) or any("z" in c.parts.bare for c in left):
         return []
     return [_part("position", place, time, ()), *turn]
-
-
-def _is_joints(column: Column) -> bool:
-    """Whether a column is the position of a joint."""
-    reading = joints.read(column.parts)
-    return reading.joint and reading.kind == "position" and not reading.command
 
 
 def _place(signals: list[Signal]) -> dict[str, Signal]:

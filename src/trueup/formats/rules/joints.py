@@ -88,6 +88,11 @@ class Reading:
     joint: bool
     """False where a word says that this is no joint's signal (a pose, a mode, a counter)."""
 
+    @property
+    def is_position(self) -> bool:
+        """Whether it is where a joint was measured to be."""
+        return self.joint and self.kind == "position" and not self.command
+
 
 @functools.lru_cache(1 << 15)
 def read(name: Name) -> Reading:

@@ -233,3 +233,8 @@ def _factor(column: Column, beside: Column, time: TimeColumn, *, derive: bool) -
 def rate_factor(column: Column, beside: Column, time: TimeColumn) -> float | None:
     """How many times the rate of change of another column of its table one is; None where that is not to be told."""
     return _factor(column, beside, time, derive=True)
+
+
+def are_rates(columns: Sequence[Column], of: Sequence[Column], time: TimeColumn) -> bool:
+    """Whether each column is the rate of change of the other one beside it, in whatever unit."""
+    return all((rate_factor(column, beside, time) or 0.0) > 0.0 for column, beside in zip(columns, of, strict=True))
