@@ -70,7 +70,7 @@ class Chooser:
 
     def _at_start_values(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
-        alike the one that was known before. All are asked about at once, then in halves.
+        alike the one that was known before. All are asked about at once, then those that no score test misses in halves.
         """
         asked = shallow(found.shot or found.near or problem, found)[: int(found.space.free.sum()) - 1]
         groups = [asked] if asked else []
@@ -84,8 +84,8 @@ class Chooser:
             if again is not None and _loss(again, found) < found.loss + proof(problem, found) * len(held):
                 self._take(Choice(tuple(p.name for p in held), kept_notes(held)))
                 found = _with_notes(again, found)
-            elif len(some) > 1:
-                groups += [some[len(some) // 2 :], some[: len(some) // 2]]
+            elif len(held) > 1:
+                groups += [held[len(held) // 2 :], held[: len(held) // 2]]
         return found
 
     def _take(self, late: Choice) -> None:
@@ -106,14 +106,15 @@ def _held_at_start(
     explains the recordings worse. What a score test tells of there was told after all. Corrections of starts stay as they
     are: with them a look is a tenth of a fit.
     """
-    solved, need, held, values = found.shot or found.near or problem, proof(problem, found), list(held), found.values
+    solved, need, held = found.shot or found.near or problem, proof(problem, found), list(held)
     while True:
         space = found.space.left_open([p.name for p in held])
-        values = np.where(space.free, values, space.nominal)
-        look = descended(solved, replace(found, space=space), space.to_unit(values), robust)
-        values, needed = look.values, missed(solved, look, held, need) if held else []
+        start = space.to_unit(np.where(space.free, found.values, space.nominal))
+        slopes = found.jacobian[:, space.free[found.space.free]]
+        look = descended(solved, replace(found, space=space), start, robust, slopes)
+        needed = missed(solved, look, held, need) if held else []
         if not needed:
-            return held, values if look.loss < found.loss + need * len(held) else None
+            return held, look.values if look.loss < found.loss + need * len(held) else None
         held = [p for p in held if p not in needed]
 
 
