@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cars whose wheels need more angle than geometry says, in curves that are far from where tyres slide."""
+"""Cars whose wheels need more angle than geometry says, or none for small commands, far from where tyres slide."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup.calibration import Estimate
 from trueup.loop.calibrate import Options
 from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
@@ -17,17 +18,18 @@ STEP, WHEELBASE, SPEED_SCALE = 0.005, 0.33, 0.97  # s, m
 TURNING = ("steering_*", "understeer", "pose_*", "speed_*", "relaxation")
 
 
-def driven(understeer: float, gain: float, seed: int = 0) -> Recording:
+def driven(understeer: float, gain: float, dead: float = 0.0, seed: int = 0) -> Recording:
     """40 s of steps of speed and steering, told in m/s and rad, with noise of 2 mm and 3 mrad; 2.5 m/s^2 sideways."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 40.0, STEP)
     held = (time / 0.8).astype(int), (time / 2.5).astype(int)
     steering = rng.uniform(-0.3, 0.3, 1 + held[0][-1])[held[0]]
     asked = rng.uniform(0.6, 1.8, 1 + held[1][-1])[held[1]]
+    turned = np.sign(steering) * np.maximum(np.abs(steering) - dead, 0.0)
     speed, wheel, late, told = np.zeros(len(time)), np.zeros(len(time)), round(0.1 / STEP), 0.0
     for k in range(1, len(time)):
         speed[k] = speed[k - 1] + 4.0 * STEP * (SPEED_SCALE * asked[max(k - 10, 0)] - speed[k - 1])
-        told += (1.0 - np.exp(-STEP / 0.06)) * (steering[max(k - late, 0)] - told)
+        told += (1.0 - np.exp(-STEP / 0.06)) * (turned[max(k - late, 0)] - told)
         wheel[k] = gain * told
     heading = np.cumsum(STEP * speed * np.tan(wheel) / (WHEELBASE + understeer * speed**2))
     way = np.cumsum(STEP * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
@@ -44,14 +46,25 @@ def driven(understeer: float, gain: float, seed: int = 0) -> Recording:
     })  # fmt: skip
 
 
+def calibrated(folder: Path, drive: Recording) -> dict[str, Estimate]:
+    """Of what tells how it turns, where nothing lasts beyond the model."""
+    lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
+    (folder / "car.toml").write_text(f"[vehicle]\nwheelbase = {WHEELBASE}\n[vehicle.values]\n{lasting}")
+    ready = prepare(folder / "car.toml", [drive]).only(TURNING)
+    return {e.name: e for e in ready.calibrate(Options(stages=DESCENT, lacking=False)).estimates}
+
+
 def test_what_steering_is_worth_is_found_in_calm_curves_of_a_car_that_understeers(tmp_path: Path) -> None:
-    understeer = 0.02
-    (tmp_path / "car.toml").write_text(
-        f"[vehicle]\nwheelbase = {WHEELBASE}\n[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
-    )
-    ready = prepare(tmp_path / "car.toml", [driven(understeer, 0.95)]).only(TURNING)
-    found = {e.name: e for e in ready.calibrate(Options(stages=DESCENT, lacking=False)).estimates}
-    assert found["understeer"].value == pytest.approx(understeer, abs=6e-3)
+    found = calibrated(tmp_path, driven(0.02, 0.95))
+    assert found["understeer"].value == pytest.approx(0.02, abs=6e-3)
+    assert not found["steering_dead"].fitted
     for side in ("steering_left", "steering_right"):
         assert found[side].value == pytest.approx(0.95, rel=0.03)
         assert found[side].low <= 0.95 <= found[side].high
+
+
+def test_steering_that_small_commands_do_not_move_is_found(tmp_path: Path) -> None:
+    found = calibrated(tmp_path, driven(0.005, 0.95, dead=0.04))
+    assert found["steering_dead"].value == pytest.approx(0.04, abs=4e-3)
+    for side in ("steering_left", "steering_right"):
+        assert found[side].value == pytest.approx(0.95, rel=0.03)

@@ -31,6 +31,7 @@ from trueup.engines.vehicle.kernels import (
     SLACK,
     SPEED,
     SPEED_KEPT,
+    STEERING_DEAD,
     STEERING_DELAY,
     STEERING_FALLOFF,
     STEERING_LEFT,
@@ -50,6 +51,7 @@ from trueup.engines.vehicle.kernels import (
     X,
     Y,
     ahead_or_back,
+    beyond,
     clearly,
     in_steady_curve,
     resistance,
@@ -216,7 +218,7 @@ def under_commands(
     back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
     commanded, tracked, rested = log_begin
     unknown = back < commanded and not rested and (forward_speed(p, seen[tracked]) > MOVES or p[TURNS] > 0.0)
-    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
+    s[LAGGED] = s[SLACK] = s[WHEEL] = beyond(commands[back, 1], p[STEERING_DEAD])
     for k in range(back, first):
         if unknown and k == tracked:
             as_it_turns(p, forward_speed(p, seen[k]), seen[k, 4], s)
@@ -275,7 +277,7 @@ def begin(
     s[:] = 0.0
     slips = past == 0 and p[GRIP] == 0.0 and p[REAR_COMPLIANCE] > 0.0
     if slips:
-        s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
+        s[LAGGED] = s[SLACK] = s[WHEEL] = beyond(commands[max(first - settle, 0), 1], p[STEERING_DEAD])
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
     else:
         turned = under_commands(p, dt, commands, seen, first, settle, log_begin, shares, s)

@@ -21,7 +21,7 @@ COLUMNS = (
     "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
     "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
     "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency", "speed_gain", "braking_limit",
-    "turns", "rear_compliance", "slip_relaxation", "veer", "pose_left", "pose_at",
+    "turns", "rear_compliance", "slip_relaxation", "veer", "pose_left", "pose_at", "steering_dead",
 )  # fmt: skip
 """The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, which its
 wheels have at once; with `speed_gain` they are speeds that a controller of the vehicle pursues, `drive` (m/s) for a command
@@ -34,8 +34,8 @@ reciprocal) its wheels roll where they point. What else is absent is written as 
     SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
     FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
     TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY, SPEED_GAIN, BRAKING_LIMIT,
-    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_LEFT, POSE_AT,
-) = range(48)  # fmt: skip
+    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_LEFT, POSE_AT, STEERING_DEAD,
+) = range(49)  # fmt: skip
 
 STATE = 15
 (
@@ -70,7 +70,7 @@ def share_of(lag: float, dt: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def beyond(command: float, dead: float) -> float:
-    """What of a wheel's command moves it: nothing within its dead zone, beyond it what is more."""
+    """What of a command moves a wheel, or turns it: nothing within its dead zone, beyond it what is more."""
     return command - min(max(command, -dead), dead)
 
 
@@ -84,7 +84,8 @@ def step_actuators(p: Array, dt: float, drive: float, steering: float, shares: A
         s[MOTOR] += shares[0] * (drive - s[MOTOR])
     else:
         s[SPEED] = toward(s[SPEED], s[SPEED] + shares[0] * (drive - s[SPEED]), p[ACCELERATION_LIMIT] * dt)
-    s[LAGGED] += shares[1] * (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[LAGGED])
+    steering = min(max(beyond(steering, p[STEERING_DEAD]), -p[MAX_STEERING]), p[MAX_STEERING])
+    s[LAGGED] += shares[1] * (steering - s[LAGGED])
     gap = 0.5 * p[STEERING_SLACK]
     s[SLACK] = min(max(s[SLACK], s[LAGGED] - gap), s[LAGGED] + gap)
     s[WHEEL] = toward(s[WHEEL], s[SLACK], p[STEERING_RATE] * dt)

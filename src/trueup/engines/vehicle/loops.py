@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled runs of a vehicle: under recorded commands from what was seen until then, or with the Stanley law in the loop."""
+"""Whole runs of a vehicle, compiled: under recorded commands from what was seen until then, or with the Stanley law."""
 
 from __future__ import annotations
 

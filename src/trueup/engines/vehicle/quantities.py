@@ -107,6 +107,8 @@ _ON_TYRES = (
                    "greatest speed of the steering, in units of the command", _QUICK), start=10.0),
     _usual("steering_slack", "", 0.02, 0.0, 0.4, "linear", "play of the steering, end to end, in units of the command",
            _SLOW),
+    Quantity("steering_dead", "", 0.0, 0.0, 0.0, 0.3, "linear", "steering command below which the wheels stay in the middle",
+             "gentle curves to both sides", optional="dead zone of the steering"),
     _usual("steering_left", "rad", 0.4, 0.03, 1.2, "log", "wheel angle for a command of one, to the left", _CURVES,
            per_command=True),
     _usual("steering_right", "rad", 0.4, 0.03, 1.2, "log", "wheel angle for a command of one, to the right", _CURVES,
