@@ -339,9 +339,8 @@ def test_what_goes_on_is_told_from_what_comes_and_goes() -> None:
 
 def test_wheels_of_both_axles_may_turn_a_car_further_than_it_is_told() -> None:
     """Steering in rad up to 0.4, both axles steered: per command the car turns as if its front wheels went twice as far."""
-    assert Vehicle("car", 0.8, drive="throttle").space(steers=0.4).parameters[4].name == "steering_left"
-    assert Vehicle("car", 0.8, drive="throttle").space(steers=0.4).parameters[4].upper == pytest.approx(3.0)
-    assert Vehicle("car", 0.8, drive="throttle").space(steers=1.0).parameters[4].upper == pytest.approx(1.2)
+    assert Vehicle("car", 0.8, drive="throttle").space(steers=0.4)["steering_left"].upper == pytest.approx(3.0)
+    assert Vehicle("car", 0.8, drive="throttle").space(steers=1.0)["steering_left"].upper == pytest.approx(1.2)
 
 
 def test_bounds_of_lengths_grow_with_the_car() -> None:
