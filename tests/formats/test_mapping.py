@@ -66,6 +66,12 @@ def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     assert np.diff(read(tmp_path, data).time) == pytest.approx(0.004)
 
 
+def test_a_time_that_lost_its_digits_is_named(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("timestamp,q_hip\n1.7E+09,0.1\n1.7E+09,0.2\n1.7E+09,0.3\n")
+    with pytest.raises(MappingError, match="timestamp is 1700000000 in all rows: were digits lost"):
+        formats.read(tmp_path / "log.csv")
+
+
 def test_files_of_one_run_whose_clocks_count_from_different_instants_are_named_with_both(tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()

@@ -31,6 +31,14 @@ def test_rows_and_columns_may_be_exchanged(tmp_path: Path) -> None:
     assert np.array_equal(a.channel("position").values, b.channel("position").values)
 
 
+def test_three_numbers_of_an_accelerometer_are_along_its_axes_and_no_joints(tmp_path: Path) -> None:
+    still = np.tile([0.0, 0.0, 9.81], (20, 1))
+    np.savez(tmp_path / "leg.npz", t=np.arange(20) / 100, joint_pos=np.cumsum(np.ones((20, 4)), axis=0), accel=still)
+    channels = formats.guess_mapping(tmp_path / "leg.npz").channels
+    assert channels["accel"].labels == ("x", "y", "z")
+    assert "acceleration" not in channels
+
+
 def test_single_numbers_are_facts_and_odd_arrays_are_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", t=TIME, q=POSITION, mass=1.5, image=np.zeros((7, 9)))
     (recording,) = formats.read(tmp_path / "run.npz")

@@ -48,3 +48,14 @@ def test_large_distances_at_rest_are_plain_numbers() -> None:
     found = zeros_off([_log("a", told, told + 0.6 + 0.01 * told)], ["knee"])
     assert found is not None
     assert "knee +602.9 mrad" in str(found)
+
+
+def test_actions_of_a_policy_are_named_with_their_scale_and_the_pose_they_are_beside() -> None:
+    angle = 0.6 * np.sin(1.5 * TIME)
+    log = _log("a", (angle + 1.5) / 0.25, angle)
+    log = log.replace(channels={**log.channels, "position": Channel(
+        "position", ("hip", "knee"), "rad", TIME, np.stack([angle + 1.2, angle], axis=1))})  # fmt: skip
+    (note,) = far_beside([log])
+    named = re.search(r"scale = (\S+) and offset = \[(\S+), (\S+)\]", note)
+    assert named is not None
+    assert [float(number) for number in named.groups()] == pytest.approx([0.25, -0.3, -1.5], abs=0.01)

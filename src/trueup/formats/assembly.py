@@ -14,6 +14,7 @@ from trueup.errors import ClockError, FormatError, MappingError, OtherFilesMappi
 from trueup.formats.clock import Samples, guess_unit, increasing, row_offset, seconds
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
 from trueup.formats.rules.joints import joint_labels
+from trueup.formats.rules.names import is_time
 from trueup.formats.table import Table, listing, shown
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.units import to_si
@@ -188,8 +189,12 @@ def _timed(
         return Samples(np.arange(len(values)) / rate, values)
     source = _time_table(time, table, tables)
     if not time.column and not time.file:
+        still = [
+            f"{n} is {v.flat[0]:.16g} in all rows" for n, v in table.columns.items() if is_time(n) and np.ptp(v) == 0
+        ]
+        why = f" ({'; '.join(still)}: were digits lost?)" if still else ""
         raise MappingError(
-            f"channel '{role}': no time for {table.path}: name a column in [time] (columns are: "
+            f"channel '{role}': no time for {table.path}{why}: name a column in [time] (columns are: "
             f"{listing((*table.columns, *table.text))}), or give rate = samples per second"
         )
     clock = _clock(time.column or next(iter(source.columns)), time.unit, source)

@@ -51,11 +51,13 @@ def guess_unit(name: str, values: Array) -> str:
     if not steps.size:
         return "s"
     sizes = {unit: to_si(unit)[1] for unit in ("s", "ms", "us", "ns")}
-    for unit, size in sizes.items():
-        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * size < _EPOCH_SECONDS[1]:
-            return unit
     step = float(np.median(steps))
-    return next((unit for unit, size in sizes.items() if SLOWEST <= 1.0 / (step * size) <= FASTEST), "s")
+    rated = [unit for unit, size in sizes.items() if SLOWEST <= 1.0 / (step * size) <= FASTEST]
+    # Microseconds from half an hour ago look like a date in seconds, at which nothing would be sampled.
+    for unit in rated or sizes:
+        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * sizes[unit] < _EPOCH_SECONDS[1]:
+            return unit
+    return rated[0] if rated else "s"
 
 
 def seconds(values: Array, unit: str) -> Array:

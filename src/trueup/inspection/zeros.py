@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import STANDARD_ERRORS
+from trueup.formats.table import listing
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.relations import CORRELATED
 from trueup.recording import Recording
@@ -20,11 +21,17 @@ SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""
 FAR = 0.2
 """rad or m: as far as the zero of a servo is searched."""
+_AS_FAR = 2.0
+"""Times as far, or as little, as it was told that no joint goes which follows its commands in their unit."""
 _ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
 
 
 def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """A sentence for each joint that follows its command further beside it than any servo's zero is, all along."""
+    """A sentence for each joint that follows its command further beside it than any servo's zero is, all along; one for all
+    where most follow in proportion, beside poses of their own.
+    """
+    if in_proportion := _in_proportion(recordings):
+        return (in_proportion,)
     found: dict[str, dict[str, float]] = {}
     for recording in recordings:
         for joint in recording.channel("position").labels if recording.has("position") else ():
@@ -32,6 +39,30 @@ def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
             if abs(apart) > FAR:
                 found.setdefault(joint, {})[recording.name] = apart
     return tuple(_said(joint, by) for joint, by in found.items())
+
+
+def _in_proportion(recordings: Sequence[Recording]) -> str:
+    """What to say of joints that follow commands which are no positions, such as actions of a learned policy: its targets are
+    a pose and some times the action (N. Rudin et al., CoRL 2021). '' where most are positions.
+    """
+    slopes: dict[str, float] = {}
+    poses: dict[str, str] = {}
+    for joint in dict.fromkeys(j for r in recordings if r.has("position") for j in r.channel("position").labels):
+        pairs = [pair for r in recordings if r.has("position") and (pair := with_command(r, joint)) is not None]
+        position, told = (np.concatenate(each) for each in zip(*pairs, strict=True)) if pairs else (np.zeros(0),) * 2
+        poses[joint], good = "?", np.isfinite(position) & np.isfinite(told)
+        if correlation(position, told) > CORRELATED:
+            slopes[joint], pose = np.polyfit(told[good], position[good], 1)
+            poses[joint] = f"{pose:.3g}"
+    times = float(np.median([*slopes.values()])) if slopes else 1.0
+    if 1.0 / _AS_FAR <= times <= _AS_FAR:
+        return ""
+    return (
+        f"joints go {times:.3g} times as far as their commands, so these are no positions. Of the actions of a policy say in "
+        "the mapping, in [channels.command], by how much they are multiplied and which pose they are beside, as the policy's "
+        f"settings have it: by these recordings about scale = {times:.3g} and offset = [{', '.join(poses.values())}], for "
+        f"{listing(poses, 3)}"
+    )
 
 
 def _said(joint: str, by: Mapping[str, float]) -> str:

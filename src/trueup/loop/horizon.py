@@ -78,7 +78,14 @@ def _words(problem: Problem, reason: str, shown: str) -> list[str]:
     if not problem.windowed:
         return []
     longest = max(t.duration for t in problem.trials)
+    doubt = ""
+    if longest < SHORTEST and by_torque(problem) and carried(problem):
+        doubt = (
+            ". So short replays of torques hardly tell what the robot is made of, whatever is said of each value (by "
+            f"{SHORTEST:g} s a start has shown its effect): log the positions and gains that its controller was told, or "
+            "hang it up and move its legs"
+        )
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
-        f"then{reason}{shown}"
+        f"then{reason}{shown}{doubt}"
     ]

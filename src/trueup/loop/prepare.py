@@ -245,14 +245,14 @@ class Preparation:
         return replace(self, simulator=simulator, recordings=suited.training, hold_out=suited.held_out)
 
     def unused(self) -> tuple[str, ...]:
-        """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
+        """A note on measured channels that the model has nothing to compare with; a base may be reckoned from them."""
         measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
         used = (
             name for r in self.recordings
             for name in (*self.simulator.observable(r), *self.family.reads(r), *reckoned_of(r))
         )  # fmt: skip
         left = ", ".join(sorted(measured.difference(used)))
-        return (f"not used, since it is {self.family.compares}: {left}",) if left else ()
+        return (f"not compared, since it is {self.family.compares}: {left}",) if left else ()
 
 
 def prepare(

@@ -48,7 +48,7 @@ class Problem:
         self._exactly = False
         self._offset: Array | None = None
         self._last: tuple[bytes, Array] | None = None  # values and residuals of the last candidate that came alone
-        self.visited = Visited()
+        self.visited = Visited(simulator)
         self.eliminated: tuple[Eliminated, ...] = ()
         trials = thinned([_trial(simulator, r, channels) for r in recordings])
         self._lay_out([replace(t, ends=tuple(ends)) for t in trials] if ends else trials, range(len(trials)))
@@ -64,7 +64,7 @@ class Problem:
     def _twin(self) -> Problem:
         twin = object.__new__(Problem)
         twin.__dict__.update(self.__dict__)
-        twin._last, twin.visited = None, Visited()
+        twin._last, twin.visited = None, Visited(self.simulator)
         return twin
 
     @property

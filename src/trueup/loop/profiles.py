@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.loop.descent import Descent, Look, explained, last_look
+from trueup.loop.descent import Descent, Fit, Look, explained, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
+from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
-from trueup.loop.validate import settled_loss
+from trueup.loop.validate import settled_loss, settling
 from trueup.loop.windows import carried
 
 _REACH, _LEAST = 0.25, 0.05
@@ -30,10 +31,11 @@ def profiles(run: Run) -> None:
     each limit where the recordings are not replayed to about their noise.
 
     Slopes along a delay are those of a stair's tread, and rates, limits and damping make up for the one at which a search
-    over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere while
-    gains are wrong. Not where so much was recorded that joints are searched alone: every place would cost the engine minutes.
-    Nor in windows: what is not replayed there is mostly noise at their starts, and replays that short are smooth. Nor where
-    feet touch: all that is searched has cracks there, and a quadruped's profiles took most of the time and led nowhere.
+    over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere
+    while gains are wrong, or structures wait. Not where so much was recorded that joints are searched alone: every place
+    would cost the engine minutes. Nor in windows: what is not replayed there is mostly noise at their starts, and replays
+    that short are smooth. Nor where feet touch: all that is searched has cracks there, and a quadruped's profiles took most
+    of the time and led nowhere.
     """
     if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
         return
@@ -45,8 +47,8 @@ def profiles(run: Run) -> None:
             width = run.look.problem.simulator.step / (p.upper - p.lower)
             if _rough(run, k, width):
                 _along_profile(run, k, max(0.5 * run.descent.point[k], width), width)
-        elif is_limit(p) and not explained(run.descent.finished(run.look).residual) and _promises(run, k):
-            _along_profile(run, k, _REACH, _LEAST)
+        elif is_limit(p) and not run.later and not explained(run.descent.finished(run.look).residual):
+            _where_promised(run, k)
 
 
 def _rough(run: Run, k: int, width: float) -> bool:
@@ -57,18 +59,40 @@ def _rough(run: Run, k: int, width: float) -> bool:
     return unexplained(around, residuals, run.descent.finished(run.look).jacobian) >= ROUGH
 
 
-def _promises(run: Run, k: int) -> bool:
-    """Whether a limit's profile, with the others settled as slopes foretell, is anywhere lower by more than chance: to
-    search with it held costs a hundred times as much as to look.
+def _promising(problem: Problem, found: Fit, k: int, least: float) -> list[Array]:
+    """Points (n_free,) with the limit `k` of the free parameters elsewhere, further down or up, and the others where slopes
+    foretell that they settle: the best of either side, if its loss is foretold to be below `least`.
     """
-    found, problem = run.descent.finished(run.look), run.look.problem
+    others, points = np.delete(np.arange(len(found.unit)), k), []
     steps = _REACH * 0.5 ** np.arange(int(np.log2(_REACH / _LEAST)) + 2)
-    places = np.clip(found.unit[k] + np.concatenate([-steps, steps]), 0.0, 1.0)
-    rows = np.repeat(found.unit[None], len(places), axis=0)
-    rows[:, k] = places
-    others = np.delete(np.arange(len(found.unit)), k)
-    losses = [settled_loss(found, others, r) for r in problem.residuals(found.space.from_unit(rows))]
-    return min(losses) < found.loss - problem.chance(found.residual)
+    for places in (np.clip(found.unit[k] - steps, 0.0, 1.0), np.clip(found.unit[k] + steps, 0.0, 1.0)):
+        rows = np.repeat(found.unit[None], len(places), axis=0)
+        rows[:, k] = places
+        residuals = problem.residuals(found.space.from_unit(rows))
+        losses = [settled_loss(found, others, residual) for residual in residuals]
+        best = int(np.argmin(losses))
+        if losses[best] < least and places[best] != found.unit[k]:
+            rows[best, others] = np.clip(rows[best, others] + settling(found, others, residuals[best])[2], 0.0, 1.0)
+            points.append((losses[best], rows[best]))
+    return [point for _, point in sorted(points, key=lambda p: p[0])]
+
+
+def _where_promised(run: Run, k: int) -> None:
+    """Goes along a limit's profile where a look with the others settled as slopes foretell promises more than chance, as long
+    as it leads lower: to search with it held costs a hundred times as much as to look.
+    """
+    problem, gained = run.look.problem, True
+    look = replace(last_look(problem, problem), tolerance=1.0, last=False)
+    while gained:
+        found = run.descent.finished(run.look)
+        least = found.loss - problem.chance(found.residual)
+        tried = (
+            _held(replace(run.descent, point=point), look, k, float(point[k]))
+            for point in _promising(problem, found, k, least)
+        )
+        lower = next((held for held in tried if held.loss < least), None)
+        run.from_there(None if lower is None else lower.point)
+        gained = lower is not None and run.descent.finished(run.look).loss < least
 
 
 def _along_profile(run: Run, k: int, reach: float, width: float) -> None:

@@ -76,8 +76,8 @@ class Run:
         """Where small differences are seen: in an approximation at the same step, where there is one."""
         return self.problem if self.coarse.approximate_part is None else self.coarse
 
-    def go(self, look: Look) -> LeastSquares:
-        """Least squares on one look, as the next."""
+    def go(self, look: Look, *, again: bool = False) -> LeastSquares:
+        """Least squares on one look, as the next; `again` where a search has ended here before (see `Descent.polish`)."""
         run = self.descent
         if self.looks and not np.isfinite(look.problem.residuals(run.space.from_unit(run.point[None]))).all():
             # What replays with a coarser step may blow up with the real one: back to the start, without the coarser one.
@@ -86,7 +86,7 @@ class Run:
         self.look, self.looks = look, self.looks + 1
         saved, self.saved = self.saved, None
         begins = self.looks == 1 and not (self.resumed or self.begun)
-        return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved)
+        return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved, again=again)
 
     def again(self) -> None:
         """Goes through the last look once more from where it has ended, with other parameters free."""
@@ -177,7 +177,7 @@ def refinement(run: Run) -> None:
     """
     run.resumed = True  # nothing is to be moved off its bound
     if run.starts is None:
-        run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True))
+        run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True), again=True)
 
 
 def as_it_came(run: Run) -> None:

@@ -7,44 +7,26 @@ number ends a search elsewhere, and slopes there are those of one side of a kink
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from trueup.arrays import Array, Integers
+from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
-from trueup.engines.simulator import InPlaceOf
-from trueup.evidence import jackknife
+from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.trial import Trial
+from trueup.loop.visited import stretched
+from trueup.rounding import NEGLIGIBLE, TINY
 
 
-@runtime_checkable
-class Stretched(Protocol):
-    """Such a Simulator."""
+def between_stretches(problem: Problem, fit: Fit, prior: float) -> Array | None:
+    """(n_free,) variances by what each of the stretches that trials are predicted in is wrong by as a whole: what lasts as
+    long as one, in all that is measured there, and what is wrong in a few of them alone, where slopes are large.
 
-    def stretches(self, trial: Trial) -> Callable[[Array], tuple[Array, Integers]]:
-        """Of instants (T,): how long before each its stretch began, in s, NaN outside of all; and the number of that."""
-        ...
-
-
-def stretched(problem: Problem) -> Stretched | None:
-    """What predicts the trials of a problem in stretches; None where they are replayed whole."""
-    simulator = problem.simulator
-    while isinstance(simulator, InPlaceOf):
-        simulator = simulator.whole
-    return simulator if isinstance(simulator, Stretched) else None
-
-
-def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | None:
-    """(n_free,) variances by leaving out each of the stretches in turn that trials are predicted in (the cluster jackknife:
-    J. MacKinnon, M. Nielsen, M. Webb, J. Applied Econometrics 38(5), 2023): what lasts as long as one, in all that is
-    measured there, and what is wrong in a few of them alone, where slopes are large. None where these are no more than the
-    parameters.
+    What a fit of many parameters bends to a stretch is put back (the bias-reduced sandwich: R. Bell and D. McCaffrey, Survey
+    Methodology 28(2), 2002), and of few stretches the spread is itself hardly known (Student's distribution): so it holds for
+    stretches that are fewer than the parameters, too. None of one stretch.
     """
-    simulator = stretched(problem)
+    simulator = stretched(problem.simulator)
     if simulator is None:
         return None
     n = fit.jacobian.shape[1]
@@ -59,11 +41,22 @@ def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | No
             weighted = slopes[here].T * counts[here]
             pulls[at] = pulls.get(at, np.zeros(n)) + weighted @ errors[here]
             curvatures[at] = curvatures.get(at, np.zeros((n, n))) + weighted @ slopes[here]
-    if len(pulls) <= n:
+    if len(pulls) < 2:
         return None
     whole = sum(curvatures.values(), prior * np.eye(n))
-    steps = np.array([np.linalg.solve(whole - curvatures[at], pull) for at, pull in pulls.items()], dtype=np.float64)
-    return jackknife(steps) ** 2
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors / np.sqrt(np.maximum(values, TINY)) @ vectors.T
+    steps = np.array([_step(root, curvatures[at], pull) for at, pull in pulls.items()], dtype=np.float64)
+    return np.sum((steps * half_interval(len(steps)) / NORMAL_95) ** 2, axis=0)
+
+
+def _step(root: Array, curvature: Array, pull: Array) -> Array:
+    """(n,) where errors of a stretch with this curvature (n, n) and pull (n,) move estimates: what the fit has bent to them
+    is put back by the root of their leverage. `root` is that of the inverse curvature of all.
+    """
+    shares, ways = np.linalg.eigh(root @ curvature @ root)
+    left = np.sqrt(np.maximum(1.0 - shares, NEGLIGIBLE))
+    return np.asarray(root @ (ways / left) @ ways.T @ root @ pull, dtype=np.float64)
 
 
 def seen_as_good(problem: Problem, fit: Fit) -> Array | None:
@@ -71,7 +64,7 @@ def seen_as_good(problem: Problem, fit: Fit) -> Array | None:
     make it: a likelihood region (W. Q. Meeker, L. A. Escobar, Am. Statistician 49, 1995). None where trials are replayed
     whole.
     """
-    if stretched(problem) is None:
+    if stretched(problem.simulator) is None:
         return None
     good = problem.visited.below(fit.loss + NORMAL_95**2 * problem.chance(fit.residual))
     away = np.clip(fit.space.to_unit(good), 0.0, 1.0) - fit.unit if len(good) else fit.unit[None] * 0.0

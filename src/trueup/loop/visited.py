@@ -3,24 +3,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Integers
+from trueup.engines.simulator import InPlaceOf, Simulator
 from trueup.noise import spread
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
+from trueup.trial import Trial
+
+
+@runtime_checkable
+class Stretched(Protocol):
+    """Such a Simulator."""
+
+    def stretches(self, trial: Trial) -> Callable[[Array], tuple[Array, Integers]]:
+        """Of instants (T,): how long before each its stretch began, in s, NaN outside of all; and the number of that."""
+        ...
+
+
+def stretched(simulator: Simulator) -> Stretched | None:
+    """What predicts trials in stretches; None where they are replayed whole."""
+    while isinstance(simulator, InPlaceOf):
+        simulator = simulator.whole
+    return simulator if isinstance(simulator, Stretched) else None
 
 
 class Visited:
-    """Candidates and their losses."""
+    """Candidates and their losses, where trials are predicted in stretches; of others nothing is kept."""
 
-    def __init__(self) -> None:
+    def __init__(self, simulator: Simulator) -> None:
+        self._kept = stretched(simulator) is not None
         self._values: list[Array] = []
         self._losses: list[Array] = []
 
     def add(self, values: Array, residuals: Array) -> None:
         """Candidates (b, n) with their residuals (b, m); those whose simulation failed are forgotten."""
-        told = np.isfinite(residuals).all(axis=1)
+        told = np.isfinite(residuals).all(axis=1) if self._kept else np.zeros(len(residuals), dtype=bool)
         if not told.any():
             return
         residuals = residuals[told]

@@ -22,6 +22,8 @@ _COMPONENTS = {f"{letter}{axis}": axis for letter in "pt" for axis in _PLACES}
 """px, py, pz and tx, ty, tz: a place or a translation, each number by itself."""
 _BARE = frozenset([*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION)])
 """Columns that are named by their component alone."""
+_LEANS = 0.4
+"""rad that a robot on feet or wheels leans by: most fall further on. Headings so near to straight back are not told."""
 _ROOM = 30.0
 """m: rooms with motion capture are smaller, so larger numbers are millimetres."""
 
@@ -55,6 +57,10 @@ RULES = (
             Example(_JOINT + "base_pos_x,base_pos_y,base_pos_z,base_ori_w,base_ori_x,base_ori_y,base_ori_z",
                     "0 .1 .1 1 2 .5 1 0 0 0|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 1 0 0 0",
                     "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
+            # Upright, whichever way it heads.
+            Example(_JOINT + "base_pos_0,base_pos_1,base_pos_2,base_quat_0,base_quat_1,base_quat_2,base_quat_3",
+                    "0 .1 .1 1 2 .5 .5 0 0 .866|.1 .2 .1 1 2 .5 .4 0 0 .9165|.2 .1 .2 1 2 .5 .5 0 .05 .8646",
+                    "base_position[m] x y z; base_orientation[] w x y z"),
             # Four numbers whose squares do not add up to 1 are no orientation.
             Example(_JOINT + "base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz",
                     "0 .1 .1 1 2 .5 9 3 0 0|.1 .2 .1 1 2 .5 8 6 0 0|.2 .1 .2 1 2 .5 9 4 0 0", "position[rad] hip"),
@@ -80,13 +86,13 @@ SOURCES = tuple(
         "mocap vicon opti optitrack qualisys vrpn motive motion capture rigid",
         "ground truth",
         "base trunk torso body root pelvis floating pose robot world",
-        "odom odometry",
+        "odom odometry estimator",
     )
 )
 """Words for whose pose it is or who measured it, the better sources first."""
 OTHERS = TOOLS | listed(
     "imu command commanded cmd desired des target goal ref reference foot feet hand camera velocity vel twist "
-    "linear angular lin acc accel acceleration speed gyro omega"
+    "linear angular lin acc accel acceleration speed gyro omega v"
 )
 
 
@@ -235,9 +241,16 @@ def _parts(name: str, group: Sequence[Column]) -> list[_Part]:
 
 
 def _order(group: Sequence[Column]) -> str:
-    """Whether the real part of four numbers stands first or last: robots mostly stand upright, so it is the larger."""
-    sizes = [np.nanmedian(np.abs(np.atleast_2d(c.values.T)), axis=1) for c in (group[0], group[-1])]
-    return "wxyz" if sizes[0][0] >= sizes[1][-1] else "xyzw"
+    """Whether the real part of four numbers stands first or last: a robot mostly stands upright, wherever it heads. Where
+    both would have it so, as with (0, 0, 0, 1), it heads ahead rather than back: the real part is the larger.
+    """
+    values = np.hstack([c.values if c.values.ndim > 1 else c.values[:, None] for c in group])
+    first, second, third, last = np.nanmedian(values**2, axis=0)
+    # By half of the angle that it leans by.
+    upright = [
+        name for name, sine in (("wxyz", second + third), ("xyzw", first + second)) if sine < np.sin(_LEANS / 2) ** 2
+    ]
+    return upright[0] if len(upright) == 1 else "wxyz" if first >= last else "xyzw"
 
 
 def _found(groups: Mapping[str, Sequence[Column]], parts: Sequence[_Part], labels: tuple[str, ...]) -> _Found:

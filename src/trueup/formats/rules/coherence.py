@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from trueup.arrays import Array
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import INERTIAL, SOURCES, of_place, sensor_labels
 from trueup.formats.rules.families import Named
-from trueup.formats.rules.names import AXES, TOOLS, axes, words
+from trueup.formats.rules.names import AXES, TOOLS, words
+from trueup.formats.rules.proposal import Proposal, own, threes
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
 
@@ -31,6 +32,7 @@ EXAMPLES = (
     Example("t,q_hip,q_cmd_hip,ax,ay,az,gx_dps,gy_dps,gz_dps",
             "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
             "position[rad] hip; acc[] x y z; gyro[deg/s] x y z"),
+    Example("t,q_hip,q_cmd_hip,wx,wy,wz", "0 .1 .2 1 2 3|.01 .2 .3 1 2 2|.02 .3 .4 2 2 3", "position[rad] hip; gyro[] x y z"),
     # Gravity alone, as some log it, is no gyro.
     Example("t,q_hip,q_cmd_hip,gx,gy,gz", "0 .1 .2 0 0 9|.01 .2 .3 0 0 9|.02 .3 .4 0 1 9", "position[rad] hip; gx[] gx"),
     # A joint that is called a motor, beside the one that it moves; elsewhere motors have angles of their own.
@@ -48,6 +50,12 @@ EXAMPLES = (
     Example("t,q[0],q[1],q[2],q_d[0],q_d[1],q_d[2],omega[0],omega[1],omega[2]",
             "0 .1 .2 0 .1 .2 0 1 2 3|.01 .2 .3 0 .2 .3 0 1 2 2|.02 .3 .4 1 .3 .4 1 2 2 3",
             "position[rad] joint_0 joint_1 joint_2; velocity[rad/s] joint_0 joint_1 joint_2"),
+    # Of a state estimator three numbers are the base's, as a Mini Cheetah logs them (p beside kp, kd and v is a position).
+    Example("t,data.q[0],data.q[1],command.q_des[0],command.q_des[1],command.kp[0],command.kd[0],state_estimator.p[0],"
+            "state_estimator.p[1],state_estimator.p[2],state_estimator.vWorld[0],state_estimator.vWorld[1],"
+            "state_estimator.vWorld[2],state_estimator.rpy[0],state_estimator.rpy[1],state_estimator.rpy[2]",
+            "0 1 1 1 1 9 1 0 0 .3 0 0 0 0 0 .1|.1 2 1 1 1 9 1 .1 0 .3 0 1 0 0 .1 .1|.2 1 2 1 1 9 1 0 0 .3 0 0 0 .1 0 .1",
+            "position[rad] joint_0 joint_1; base_position[m] x y z; base_orientation[rad] roll pitch yaw"),
     # Slides along x, y and z are joints.
     Example("t,pos_x,pos_y,pos_z,cmd_x,cmd_y,cmd_z,vel_x,vel_y,vel_z",
             "0 .1 .2 .1 .1 .2 .1 1 1 1|.01 .2 .3 .2 .2 .3 .2 1 1 2|.02 .3 .4 .3 .4 .4 .3 2 1 1",
@@ -56,37 +64,10 @@ EXAMPLES = (
 _MOTOR = "motor"
 _FAMILIES = (_MOTOR, *joints.VARIANTS)
 """Signals of motors are kept apart from those of joints, and others that are no plain ones, where a file has both."""
+_POSITIONS = ("position", "command", "command_sent")
 _OF_SENSORS = ("velocity", "acceleration", "torque")
 _MEASURED_OF_JOINTS = ("position", "velocity")
 _PLACES = frozenset("xyz")
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """What a column is taken for: a role and a label; '' for the role where no rule knows."""
-
-    column: Column
-    role: str
-    label: str
-    unit: str
-
-
-def own(column: Column) -> Proposal:
-    """A column under its own name; those that differ by an axis or an index go together."""
-    plain = own_words(column)
-    tail = [word for word in plain if word in axes(plain)]
-    head = [word for word in plain if word not in tail]
-    whole = "_".join(plain) or column.name
-    unit = (
-        joints.read(column.parts).unit or column.declared or (column.parts.tail if plain != column.parts.words else "")
-    )
-    return Proposal(column, "", "_".join(tail) if head and tail else whole, unit)
-
-
-def own_words(column: Column) -> list[str]:
-    """The words of a column's name, without the unit behind an axis (X_mm, gyro_x_dps)."""
-    bare = column.parts.bare
-    return bare if bare and (AXES.issuperset(bare) or bare[-1] in _PLACES) else column.parts.words
 
 
 def family_of(proposal: Proposal, proposals: Sequence[Proposal], named: Mapping[Column, Named]) -> str:
@@ -139,9 +120,8 @@ def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, 
     "m1_pos_fb" beside "m1_xyz_fb": whatever xyz is, it is no joint called m1_xyz. Nor is "u_1" what "theta_ref_1" is. But
     "cmd_ankle_motor" is one beside "pos_ankle" where there is "pos_ankle_motor", or the model has it.
     """
-    roles = ("position", "command", "command_sent")
-    implied = [p.role in roles and joints.read(p.column.parts).implied for p in proposals]
-    told = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in roles and not only}
+    implied = [p.role in _POSITIONS and joints.read(p.column.parts).implied for p in proposals]
+    told = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in _POSITIONS and not only}
 
     def is_other(p: Proposal) -> bool:
         if (p.role, p.label) in told:
@@ -179,17 +159,17 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
 
     Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
     """
-    labels = {p.label for p in proposals if p.role in ("position", "command", "command_sent")}
+    labels = {p.label for p in proposals if p.role in _POSITIONS}
     along: dict[tuple[str, ...], set[str]] = {}
     for p in proposals:
         if p.role in _OF_SENSORS and p.label not in labels:
             thing, axis = _along(p.label)
             along.setdefault(thing, set()).update(axis)
-    rows: dict[tuple[str, ...], list[Column]] = {}
-    for p in proposals:
-        if p.role in _OF_SENSORS and INERTIAL & set(p.column.parts.words):
-            rows.setdefault(tuple(w for w in p.column.parts.words if not w.isdigit()), []).append(p.column)
-    counted = {c for row in rows.values() if len(row) == 3 < len(labels) and sensor_labels(row) for c in row}
+    inertial = [
+        row for row in threes(proposals, _OF_SENSORS) if INERTIAL & set(row[0].parts.words) and sensor_labels(row)
+    ]
+    more = any(sum(p.column.width for p in proposals if p.role == role) > len(_PLACES) for role in _POSITIONS)
+    counted = {column for row in inertial if more for column in row}
     wholes = {thing for thing, axis in along.items() if axis == _PLACES}
     names = {p.column.name.lower() for p in proposals}
     found = []
@@ -209,14 +189,15 @@ def _along(label: str) -> tuple[tuple[str, ...], frozenset[str]]:
 
 
 def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints; a list
-    of three is one, or the base's speeds, where another one is of joints.
+    """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints; three
+    numbers, in a list or numbered, are one, or the base's speeds, where others are of joints.
     """
-    lists = [p for p in proposals if p.role in _MEASURED_OF_JOINTS and p.column.values.ndim > 1]
-    based = {p.column for p in lists if p.column.width == 3 and _of_a_base(p.column)}
-    joined = {p.role for p in lists if p.column not in based}
-    proposals = [own(p.column) if p.column in based and p.role in joined else p for p in proposals]
     driven = {p.label for p in proposals if p.role.startswith("command") or p.role in ("torque", "current")}
+    lists = [row for row in threes(proposals, _MEASURED_OF_JOINTS) if _of_a_base(row[0])]
+    based = {column for row in lists for column in row}
+    based -= {p.column for p in proposals if p.column.width == 1 and p.label in driven}
+    joined = {p.role for p in proposals if p.column not in based}
+    proposals = [own(p.column) if p.column in based and p.role in joined else p for p in proposals]
     found: dict[str, set[str]] = {}
     for p in proposals:
         plain = words(p.label)

@@ -29,8 +29,8 @@ _OBJECT = re.compile(r"(?<![A-Za-z0-9])(?:0x60[0-9A-Fa-f]{2}|60[0-9A-Fa-f]{2}h)(
 _RSI = {re.compile(r"(?<![A-Za-z])AIPos"): "actual_position", re.compile(r"(?<![A-Za-z])ASPos"): "command_position",
         re.compile(r"(?<![A-Za-z])MACur"): "current"}  # fmt: skip
 """What KUKA's robot sensor interface calls an axis's position, its set point, and its motor's current."""
-_SIX = tuple(re.compile(rf"(?<![A-Za-z]){letter}([xyz])(?![A-Za-z])", re.I) for letter in ("a", "[gw]"))
-"""Axes of an accelerometer and of a gyro, each a word."""
+_SIX = tuple(re.compile(rf"(?<![A-Za-z]){letter}([xyz])(?![A-Za-z])", re.I) for letter in ("a", "[gw]", "w"))
+"""Axes of an accelerometer and of a gyro, each a word; and those of which a gyro alone is told, as g may be gravity."""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
 
 _EFFORTS = listed("torque torques trq tau moment effort efforts current currents")
@@ -58,7 +58,7 @@ def in_context(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, st
 
 def _inertial(read: dict[str, str]) -> dict[str, str]:
     """Names in which ax, ay, az beside gx, gy, gz (or wx, wy, wz) are an accelerometer's axes and a gyro's: all
-    six, behind the same words.
+    six, behind the same words; or wx, wy, wz alone.
     """
     whole: list[set[str]] = []
     for word in _SIX:
@@ -66,12 +66,12 @@ def _inertial(read: dict[str, str]) -> dict[str, str]:
         for match in filter(None, map(word.search, read.values())):
             seen.setdefault(match.string[: match.start()].lower(), set()).add(match[1].lower())
         whole.append({head for head, along in seen.items() if along == {"x", "y", "z"}})
-    heads = whole[0] & whole[1]
+    heads = (whole[0] & whole[1],) * 2 + (whole[2],)
 
     def as_sensor(name: str) -> str:
-        for word, sensor in zip(_SIX, ("acc", "gyro"), strict=True):
+        for word, sensor, own in zip(_SIX, ("acc", "gyro", "gyro"), heads, strict=True):
             match = word.search(name)
-            if match and match.string[: match.start()].lower() in heads:
+            if match and match.string[: match.start()].lower() in own:
                 return word.sub(rf"{sensor}_\1", name)
         return name
 

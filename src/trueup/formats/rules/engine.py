@@ -14,12 +14,9 @@ from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
 from trueup.formats.rules.coherence import (
-    Proposal,
     distinct,
     family_of,
     in_parts,
-    own,
-    own_words,
     with_common_labels,
     with_twins,
     without_doubles,
@@ -31,6 +28,7 @@ from trueup.formats.rules.context import in_context
 from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.names import axes, stem, taken_apart, words
+from trueup.formats.rules.proposal import Proposal, own, own_words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing

@@ -155,9 +155,11 @@ def words(name: str) -> list[str]:
 
 
 def is_time(name: str) -> bool:
-    """Whether a name sounds like a clock."""
+    """Whether a name sounds like a clock: of words made of two the last says so (Unitree's motiontime, simtime)."""
     plain = set(words(name))
-    return (bool(plain & _TIME) and not plain & _NOT_TIME) or name.strip().lower() in _TIME_UNITS
+    return (
+        any(word in _TIME or word.endswith("time") for word in plain) and not plain & _NOT_TIME
+    ) or name.strip().lower() in _TIME_UNITS
 
 
 def says_nanoseconds(name: str) -> bool:

@@ -71,6 +71,8 @@ RULES = (
                     "command[rad] left_knee; position[rad] left_knee"),
             Example("duration,state.q[0],state.q_d[0]", "0 .1 .1|10 .2 .1|20 .3 .2",
                     "command[rad] joint_0; position[rad] joint_0"),
+            Example("motiontime,joint_pos_0,joint_pos_des_0", "0 .1 .1|10 .2 .1|20 .3 .2",
+                    "command[rad] joint_0; position[rad] joint_0"),
             Example("t,curAngleHip,cmdAngleHip", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] Hip; position[rad] Hip"),
             Example("t,p_act_1,v_act_1,t_act_1,p_des_1,v_des_1,kp_1,kd_1,t_ff_1",
                     "0 .1 1 1 .1 1 20 1 0|.01 .2 2 2 .1 1 20 1 1|.02 .3 1 1 .2 2 20 1 0",
