@@ -110,8 +110,7 @@ def _held_at_start(
     while True:
         space = found.space.left_open([p.name for p in held])
         start = space.to_unit(np.where(space.free, found.values, space.nominal))
-        slopes = found.jacobian[:, space.free[found.space.free]]
-        look = descended(solved, replace(found, space=space), start, robust, slopes)
+        look = descended(solved, replace(found, space=space), start, robust)
         needed = missed(solved, look, held, need) if held else []
         if not needed:
             return held, look.values if look.loss < found.loss + need * len(held) else None

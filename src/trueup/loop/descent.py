@@ -145,7 +145,8 @@ class Descent:
     robust: float
     search: LeastSquares | None = None
     solver: Callable[..., LeastSquares] = LeastSquares
-    near: Problem | None = None  # what the last look solved: cheaper than its problem, at the level of it
+    near: Problem | None = None
+    """What the last look solved: cheaper than its problem, at the level of it."""
     _slopes: Array | None = None
     """(m, n_free) already taken at the point for the next look."""
 
@@ -227,7 +228,7 @@ class Descent:
             return None  # where the coarser step led, the real one fails
         return replace(self).polish(real)
 
-    def take_up(self, slopes: Array | None) -> None:
+    def take_up(self, slopes: Array) -> None:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""
         self._slopes = slopes
 
@@ -277,13 +278,10 @@ class Descent:
         return Fit(self.space, point, search.residual, search.jacobian, *last, near=self.near)
 
 
-def descended(problem: Problem, fit: Fit, start: Array, robust: float, slopes: Array | None = None) -> Fit:
-    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher. `slopes`
-    (m, n_free) of a place near by save the first ones, and it ends where steps gain what chance would.
-    """
+def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
+    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
     run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
-    run.take_up(slopes)
-    run.descend(look if slopes is None else replace(look, tolerance=1.0), confirm=slopes is None)
+    run.descend(look)
     found = run.finished(look)
     loss = float(robust_losses(found.residual[None], fit.bend)[0])
     return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
@@ -295,6 +293,8 @@ def explained(residual: Array | None) -> bool:
 
 
 def _patience(residual: Array) -> float:
-    """1 where the residuals are noise; up to 20 where no model of this kind gets near it (see `explained`)."""
+    """1 where the residuals are noise; up to 20 where no model of this kind gets near it, and the last percent of the
+    replay error is not worth minutes of simulation.
+    """
     misfit = max(0.0, 1.0 - 1.0 / (square := max(float(np.mean(residual**2)), NEGLIGIBLE)))
     return 1.0 + 4.0 * misfit**4 * float(np.clip(0.1 * np.sqrt(square), 1.0, 5.0))
