@@ -106,14 +106,14 @@ def _held_at_start(
     explains the recordings worse. What a score test tells of there was told after all. Corrections of starts stay as they
     are: with them a look is a tenth of a fit.
     """
-    solved, need, held = found.shot or found.near or problem, proof(problem, found), list(held)
+    solved, need, held, values = found.shot or found.near or problem, proof(problem, found), list(held), found.values
     while True:
         space = found.space.left_open([p.name for p in held])
-        start = space.to_unit(np.where(space.free, found.values, space.nominal))
-        look = descended(solved, replace(found, space=space), start, robust)
-        needed = missed(solved, look, held, need) if held else []
+        values = np.where(space.free, values, space.nominal)
+        look = descended(solved, replace(found, space=space), space.to_unit(values), robust)
+        values, needed = look.values, missed(solved, look, held, need) if held else []
         if not needed:
-            return held, look.values if look.loss < found.loss + need * len(held) else None
+            return held, values if look.loss < found.loss + need * len(held) else None
         held = [p for p in held if p not in needed]
 
 
