@@ -11,20 +11,17 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
-from trueup.evidence import half_interval
+from trueup.evidence import jackknife
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.visited import stretched
-from trueup.rounding import NEGLIGIBLE, TINY
 
 
-def between_stretches(problem: Problem, fit: Fit, prior: float) -> Array | None:
-    """(n_free,) variances by what each of the stretches that trials are predicted in is wrong by as a whole: what lasts as
-    long as one, in all that is measured there, and what is wrong in a few of them alone, where slopes are large.
-
-    What a fit of many parameters bends to a stretch is put back (the bias-reduced sandwich: R. Bell and D. McCaffrey, Survey
-    Methodology 28(2), 2002), and of few stretches the spread is itself hardly known (Student's distribution): so it holds for
-    stretches that are fewer than the parameters, too. None of one stretch.
+def without_each_stretch(problem: Problem, fit: Fit, prior: float) -> Array | None:
+    """(n_free,) variances by leaving out each of the stretches in turn that trials are predicted in (the cluster jackknife:
+    J. MacKinnon, M. Nielsen, M. Webb, J. Applied Econometrics 38(5), 2023): what lasts as long as one, in all that is
+    measured there, and what is wrong in a few of them alone, where slopes are large. None where these are no more than the
+    parameters.
     """
     simulator = stretched(problem.simulator)
     if simulator is None:
@@ -41,22 +38,11 @@ def between_stretches(problem: Problem, fit: Fit, prior: float) -> Array | None:
             weighted = slopes[here].T * counts[here]
             pulls[at] = pulls.get(at, np.zeros(n)) + weighted @ errors[here]
             curvatures[at] = curvatures.get(at, np.zeros((n, n))) + weighted @ slopes[here]
-    if len(pulls) < 2:
+    if len(pulls) <= n:
         return None
     whole = sum(curvatures.values(), prior * np.eye(n))
-    values, vectors = np.linalg.eigh(whole)
-    root = vectors / np.sqrt(np.maximum(values, TINY)) @ vectors.T
-    steps = np.array([_step(root, curvatures[at], pull) for at, pull in pulls.items()], dtype=np.float64)
-    return np.sum((steps * half_interval(len(steps)) / NORMAL_95) ** 2, axis=0)
-
-
-def _step(root: Array, curvature: Array, pull: Array) -> Array:
-    """(n,) where errors of a stretch with this curvature (n, n) and pull (n,) move estimates: what the fit has bent to them
-    is put back by the root of their leverage. `root` is that of the inverse curvature of all.
-    """
-    shares, ways = np.linalg.eigh(root @ curvature @ root)
-    left = np.sqrt(np.maximum(1.0 - shares, NEGLIGIBLE))
-    return np.asarray(root @ (ways / left) @ ways.T @ root @ pull, dtype=np.float64)
+    steps = np.array([np.linalg.solve(whole - curvatures[at], pull) for at, pull in pulls.items()], dtype=np.float64)
+    return jackknife(steps) ** 2
 
 
 def seen_as_good(problem: Problem, fit: Fit) -> Array | None:

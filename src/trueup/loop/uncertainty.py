@@ -11,7 +11,7 @@ from trueup.arrays import Array, Mask
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.stretches import between_stretches, seen_as_good
+from trueup.loop.stretches import seen_as_good, without_each_stretch
 from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.verdicts import PRIOR
 
@@ -27,7 +27,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     the autocorrelation estimated from the residuals and tapered). Where trials, or the windows that stand for them,
     are more than the parameters, no interval is narrower than they disagree (K.-Y. Liang and S. L. Zeger, Biometrika 73(1),
     1986): what the start of one did wrong is shared by all that is measured in it. So it is with stretches of one trial that
-    begin anew, however few they are (`stretches.py`). Where the fit was probed, its `scatter` is added.
+    begin anew, of which each is left out in turn (`stretches.py`). Where the fit was probed, its `scatter` is added.
     """
     jacobian = fit.jacobian * fit.weights[:, None]
     curvature = fit.jacobian.T @ jacobian
@@ -44,7 +44,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
     between = np.sum(((pulls - pulls.mean(axis=0)) @ inverse) ** 2, axis=0)
-    apart = between_stretches(problem, fit, size * PRIOR)
+    apart = without_each_stretch(problem, fit, size * PRIOR)
     if apart is not None or len(pulls) > len(curvature):
         between = between if apart is None else apart
         wider = np.sqrt(np.maximum(between / np.maximum(np.diag(covariance), TINY), 1.0))
