@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from trueup.arrays import Array, Mask
+from trueup.arrays import Array, Integers, Mask
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended, with_end
 from trueup.engines.floating import passive, placed
@@ -229,6 +229,15 @@ class Approximated(Protocol):
 
     def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
         """A Simulator with the same parameters, for these trials; None where there is none."""
+        ...
+
+
+@runtime_checkable
+class Stretched(Protocol):
+    """A Simulator that predicts a trial in stretches, each from what was measured until it begins."""
+
+    def stretches(self, trial: Trial) -> Callable[[Array], tuple[Array, Integers]]:
+        """Of instants (T,): how long before each its stretch began, in s, NaN outside of all; and the number of that."""
         ...
 
 

@@ -53,5 +53,7 @@ def seen_as_good(problem: Problem, fit: Fit) -> Array | None:
     if stretched(problem.simulator) is None:
         return None
     good = problem.visited.below(fit.loss + NORMAL_95**2 * problem.chance(fit.residual))
-    away = np.clip(fit.space.to_unit(good), 0.0, 1.0) - fit.unit if len(good) else fit.unit[None] * 0.0
+    if not len(good):
+        return np.zeros(len(fit.unit))
+    away = np.clip(fit.space.to_unit(good), 0.0, 1.0) - fit.unit
     return (np.abs(away).max(axis=0) / NORMAL_95) ** 2

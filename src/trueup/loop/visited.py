@@ -3,26 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from trueup.arrays import Array, Integers
-from trueup.engines.simulator import InPlaceOf, Simulator
+from trueup.arrays import Array
+from trueup.engines.simulator import InPlaceOf, Simulator, Stretched
 from trueup.noise import spread
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
-from trueup.trial import Trial
-
-
-@runtime_checkable
-class Stretched(Protocol):
-    """Such a Simulator."""
-
-    def stretches(self, trial: Trial) -> Callable[[Array], tuple[Array, Integers]]:
-        """Of instants (T,): how long before each its stretch began, in s, NaN outside of all; and the number of that."""
-        ...
 
 
 def stretched(simulator: Simulator) -> Stretched | None:
