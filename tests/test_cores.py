@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
-from trueup.cores import in_threads, worth
+from trueup.cores import Work, halves, in_threads, in_turns, worth
 from trueup.engines.mujoco.batches import Batches
 
 
@@ -57,3 +58,34 @@ def test_a_small_batch_that_is_stepped_one_by_one_waits_for_no_other_thread() ->
     batches = Batches(model, model, 4)
     assert batches.get(12, contacts=False, sensors=False, stepwise=True).nthread == 1
     assert batches.get(12, contacts=False, sensors=False).nthread == 4
+
+
+def test_a_run_goes_on_while_the_work_of_another_is_done() -> None:
+    waits, order = [threading.Event(), threading.Event()], list[str]()
+
+    def run(name: str, own: int) -> Iterator[Work]:
+        for k in range(2):
+            order.append(f"{name}{k}")
+            if own and not k:  # while the first one's work waits for it
+                waits[0].set()
+            yield (lambda: None) if own or k else lambda: order.append(str(waits[0].wait(60.0)))
+
+    in_turns([run("a", 0), run("b", 1)])
+    assert order[:2] == ["a0", "b0"]
+    assert sorted(order) == ["True", "a0", "a1", "b0", "b1"]
+
+
+def test_work_that_breaks_off_says_so_to_who_asked() -> None:
+    def run(fails: bool) -> Iterator[Work]:
+        yield lambda: None
+        yield lambda: [0][1 if fails else 0]  # type: ignore[misc]
+
+    for runs in ([True], [False, True]):
+        with pytest.raises(IndexError):
+            in_turns([run(fails) for fails in runs])
+
+
+def test_trials_with_controllers_are_parted_into_halves_in_their_order() -> None:
+    assert halves([False, False, True]) == [[0, 1, 2]]
+    assert halves([True] * 5) == [[0, 2, 4], [1, 3]]
+    assert halves([True, False, True, False]) == [[0, 1, 3], [2]]

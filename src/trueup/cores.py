@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
 
 THREADS = "TRUEUP_THREADS"
 """Environment variable that says how many threads simulations take, where it is not all cores of this process."""
 
+Work = Callable[[], None]
+"""What touches nothing but its own run's arrays, and lets go of Python's lock: another thread may do it."""
 
 _POOL = 5e-4
 """s that making a pool of threads and waiting for it takes, measured on two cores (0.1 to 0.7 ms)."""
@@ -50,3 +53,35 @@ def in_threads(work: Callable[[slice], None], count: int, threads: int, *, timed
     edges = [first + k * (count - first) // parts for k in range(parts + 1)]
     with ThreadPoolExecutor(parts) as pool:
         list(pool.map(work, [slice(a, b) for a, b in pairwise(edges)]))
+
+
+def halves(controlled: Sequence[bool]) -> list[list[int]]:
+    """Numbers of the trials in two runs, each with half of those that have a controller; in one where fewer than two have.
+
+    Trials keep their order within a run.
+    """
+    places = [k for k, own in enumerate(controlled) if own]
+    if len(places) < 2:
+        return [list(range(len(controlled)))]
+    second = set(places[1::2])
+    return [[k for k in range(len(controlled)) if k not in second], sorted(second)]
+
+
+def in_turns(runs: Sequence[Iterator[Work]]) -> None:
+    """Brings runs to their ends: each gives native work that is to be done before it goes on, and others go on meanwhile.
+
+    All Python is done by the calling thread: where controllers act in every hundredth of a second, an engine's threads would
+    stand still a quarter of the time.
+    """
+    if len(runs) == 1:
+        for work in runs[0]:
+            work()
+        return
+    with ThreadPoolExecutor(1, "engine") as engine:
+        under_way: deque[tuple[Iterator[Work], Future[None] | None]] = deque((run, None) for run in runs)
+        while under_way:
+            run, working = under_way.popleft()
+            if working is not None:
+                working.result()
+            if (work := next(run, None)) is not None:
+                under_way.append((run, engine.submit(work)))

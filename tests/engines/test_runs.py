@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from trueup.chance import Buffeting, Chance, CommandNoise, Disturbance, Push, Se
 from trueup.controllers.controller import Observation
 from trueup.controllers.playback import Playback
 from trueup.ends import LOOK, Arrived, Fallen, Left, When, ended
+from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import ModelError, TrialError, UnknownNameError
@@ -115,6 +117,40 @@ def test_each_trial_has_its_own_controller_which_knows_it(tmp_path: Path) -> Non
     for rollout, force in ((a, 2.0), (b, -4.0), (c, 6.0)):
         time = rollout.trial.observed["position"].time
         assert np.allclose(rollout.channels["position"][:, :, 0], 0.5 * force / 2.0 * time**2, atol=8e-3)
+
+
+class Spring:
+    """Pulls to the middle, as it sees the cart; keeps which threads asked it."""
+
+    period = 0.01
+
+    def __init__(self, values: Array) -> None:
+        self.threads: set[int] = set()
+
+    def reset(self, observation: Observation) -> None:
+        pass
+
+    def command(self, observation: Observation) -> Array:
+        self.threads.add(threading.get_ident())
+        return -50.0 * observation.sensors["place"][:, :1] - 2.0 * observation.velocity
+
+
+def test_trials_stepped_while_others_are_controlled_end_as_they_do_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulator, made, begun = cart(tmp_path), list[Spring](), list[int]()
+    moves = [riding(f"{k}", 0.4 + 0.1 * k, 0.5 + k, sensing=(Sensing("position", latency=0.015),)) for k in range(5)]
+    trials = [replace(t, controller=lambda values: made.append(Spring(values)) or made[-1]) for t in moves]
+    monkeypatch.setattr(Batches, "overlaps", lambda *_: begun.append(1) or True)
+    together = simulator.rollout(trials, no_damping(4))
+    assert begun
+    assert len(made) == 5
+    assert {t for m in made for t in m.threads} == {threading.get_ident()}
+    for rollout, trial in zip(together, trials, strict=True):
+        (alone,) = simulator.rollout([trial], no_damping(4))
+        assert rollout.trial is trial
+        assert np.array_equal(rollout.channels["position"], alone.channels["position"])
+        assert np.ptp(alone.channels["position"]) > 0.03
 
 
 def test_a_trial_with_a_controller_and_one_with_a_command_run_side_by_side(tmp_path: Path) -> None:

@@ -66,11 +66,13 @@ class ClosedLoop:
 
     def _make_room(self) -> None:
         """Forgets commands that act no more, and has room for as many again as still may."""
-        kept = min(self._acting, self._kept)
-        room = (0, self._acting)
-        self._times = np.pad(self._times[self._kept - kept : self._kept], room)
-        self._orders = np.pad(self._orders[self._kept - kept : self._kept], (room, (0, 0), (0, 0)))
-        self._kept = kept
+        kept = slice(self._kept - min(self._acting, self._kept), self._kept)
+        times, orders = self._times[kept].copy(), self._orders[kept].copy()
+        if len(self._times) < 2 * self._acting:  # commands told ahead have filled them
+            self._times = np.zeros(2 * self._acting)
+            self._orders = np.zeros((2 * self._acting, *orders.shape[1:]))
+        self._kept = len(times)
+        self._times[: self._kept], self._orders[: self._kept] = times, orders
 
     def foretell(self, until: int) -> None:
         """Takes the commands that are due before step `until`, of a controller that has begun and knows them ahead."""

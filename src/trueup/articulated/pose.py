@@ -41,7 +41,8 @@ def is_quaternion(labels: Sequence[str]) -> bool:
 
 def angles_of(quaternion: Array) -> Array:
     """(..., 3) roll, pitch, yaw in rad of quaternions w, x, y, z (..., 4) of any length."""
-    w, x, y, z = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    w, x, y, z = (unit[..., k] for k in range(4))
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -74,6 +74,7 @@ class Senses:
         self._past: dict[str, Array] = {}
         self._wholly_late: set[str] = set()
         self._blocks: dict[int, tuple[Array, int]] = {}
+        self._ago = {n: _ago(s) for n, s in enumerate(self._all) if s.latency.any()}
         self._by_field: dict[str, list[tuple[int, Sense]]] = {}
         for number, sense in enumerate(self._all):
             self._by_field.setdefault(sense.field, []).append((number, sense))
@@ -97,9 +98,9 @@ class Senses:
         if not mine:
             return now()
         seen = np.array(self._past[field][:, -1] if field in self._wholly_late else now())
-        for _, sense in mine:
-            if sense.latency.any():
-                seen[:, sense.columns] = self._before(field, sense)[:, sense.columns]
+        for number, sense in mine:
+            if number in self._ago:
+                seen[:, sense.columns] = self._before(field, *self._ago[number])[:, sense.columns]
         for number, sense in mine:
             if sense.streams is not None:
                 width = 3 if sense.turn is not None else len(sense.noisy)
@@ -109,12 +110,12 @@ class Senses:
                 _add(seen, sense, sense.bias)
         return seen
 
-    def _before(self, field: str, sense: Sense) -> Array:
-        """(b, size) a field as it was; what is derived from the state was noted one step late."""
-        ago, past = np.maximum(sense.latency - float(sense.derived), 0.0), self._past[field]
-        whole, rows = ago.astype(np.int64), np.arange(len(past))
+    def _before(self, field: str, whole: Integers, rest: Array) -> Array:
+        """(b, size) a field as it was so many steps ago, whole ones (b,) and the rest (b, 1) of one."""
+        past = self._past[field]
+        rows = np.arange(len(past))
         later, earlier = past[rows, -1 - whole], past[rows, np.maximum(-2 - whole, -past.shape[1])]
-        return later + (ago - whole)[:, None] * (earlier - later)
+        return later + rest * (earlier - later)
 
     def _next(self, number: int, streams: Streams, width: int) -> Array:
         """(b, width) standard normal numbers for the next look."""
@@ -207,6 +208,13 @@ def turned(quaternion: Array, by: Array) -> Array:
 def turned_angles(angles: Array, by: Array) -> Array:
     """(b, 3) roll, pitch and yaw turned so."""
     return angles_of(turned(quaternion_of(angles), by))
+
+
+def _ago(sense: Sense) -> tuple[Integers, Array]:
+    """(b,) whole steps ago that are seen, and (b, 1) the rest of one; what is derived from the state was noted one late."""
+    ago = np.maximum(sense.latency - float(sense.derived), 0.0)
+    whole: Integers = np.floor(ago).astype(np.int64)
+    return whole, (ago % 1.0)[:, None]
 
 
 def _add(seen: Array, sense: Sense, error: Array) -> None:

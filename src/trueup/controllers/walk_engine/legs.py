@@ -61,7 +61,7 @@ class Legs:
                     f"this walk needs {_BENT:g} rad (legs that bend backward want a walk of your own)"
                 )
 
-    @property
+    @cached_property
     def signs(self) -> Array:
         """(2, 6) -1 where a joint turns about -x (rolls) or -y (pitches), 0 where a leg lacks it."""
         signs = np.sign(np.sum(self.axes * AXES, axis=2))
@@ -83,17 +83,17 @@ class Legs:
         """(2, 3) on the axis of the ankle's pitch, in the plane of its roll."""
         return np.stack([self.anchors[:, 4, 0], self.anchors[:, 5, 1], self.anchors[:, 4, 2]], axis=1)
 
-    @property
+    @cached_property
     def thigh(self) -> Array:
         """(2, 2) knee from hip, forward and up."""
         return (self.anchors[:, 3] - self.anchors[:, 2])[:, [0, 2]]
 
-    @property
+    @cached_property
     def shank(self) -> Array:
         """(2, 2) ankle from knee."""
         return (self.anchors[:, 4] - self.anchors[:, 3])[:, [0, 2]]
 
-    @property
+    @cached_property
     def longest(self) -> Array:
         """(2,) m from hip to ankle of straight legs."""
         return np.hypot(*self.thigh.T) + np.hypot(*self.shank.T)

@@ -26,7 +26,7 @@ class Batches:
     def __init__(self, whole: mujoco.MjModel, bare: mujoco.MjModel, threads: int | None) -> None:
         self.whole, self.bare, self._threads = whole, bare, threads
         self.linkages = Linkages(bare)
-        self._kept: dict[tuple[int, bool, bool, int], Batch] = {}
+        self._kept: dict[tuple[int, int, bool, bool, int], Batch] = {}
         self._costs: dict[tuple[bool, bool], float] = {}
 
     def __reduce__(self) -> tuple[type[Batches], tuple[object, ...]]:
@@ -39,20 +39,24 @@ class Batches:
         whole.opt.timestep = bare.opt.timestep = step
         return Batches(whole, bare, self._threads)
 
-    def get(self, rows: int, *, contacts: bool, sensors: bool, stepwise: bool = False) -> Batch:
+    def get(self, rows: int, *, contacts: bool, sensors: bool, stepwise: bool = False, place: int = 0) -> Batch:
         """A batch of that many simulations, in whatever state it was left. `stepwise`: it is stepped one step at a time, so
-        that it has no more threads than pay for a step.
+        that it has no more threads than pay for a step. Batches that are stepped at once have each its own `place`.
         """
-        kept = 3
+        kept = 4
         threads = min(self._threads or cores(), rows)
         if stepwise and threads > 1:
             threads = worth(rows * self._cost(contacts, sensors), _HANDOVER, threads)
-        key = (rows, contacts, sensors, threads)
+        key = (place, rows, contacts, sensors, threads)
         if key not in self._kept:
             if len(self._kept) >= kept:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = Batch(self._model(contacts, sensors), rows, threads)
         return self._kept[key]
+
+    def overlaps(self, rows: int, contacts: bool) -> bool:
+        """Whether a step of so many simulations, with sensors, pays for being done beside Python, which takes two cores."""
+        return (self._threads or cores()) > 1 and worth(rows * self._cost(contacts, True), _HANDOVER, 2) > 1
 
     def _cost(self, contacts: bool, sensors: bool) -> float:
         """Seconds that one simulation takes for a step, measured once."""

@@ -6,18 +6,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import mujoco
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.assignments import Assignment, needs
+from trueup.articulated.assignments import Assignment, acts_in_each_step, needs
 from trueup.articulated.declarations import Declaration, alike, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import joints_commanded
 from trueup.controllers.controller import ControllerFactory, as_declared
+from trueup.cores import halves, in_turns
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
@@ -201,13 +203,25 @@ class MujocoSimulator:
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None, contacts: bool
     ) -> list[Rollout]:
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
+        controlled = [bool(trials[k].controller or controllers) for k in order]
+        parts = halves(controlled) if self._pays(values, contacts, len(trials)) else [range(len(trials))]
         with unclocked(), unlogged():
-            run = Run(self, [trials[k] for k in order], values, controllers, contacts)
-            touched = run.simulate()
+            runs = [
+                Run(self, [trials[order[i]] for i in part], values, controllers, contacts, place)
+                for place, part in enumerate(parts)
+            ]
+            in_turns([run.simulate() for run in runs])
         if contacts and self._learning:
-            self._touching = touched
-        done = run.rollouts()
+            self._touching = any(run.touched for run in runs)
+        done = dict(zip(chain(*parts), chain(*(run.rollouts() for run in runs)), strict=True))
         return [done[order.index(k)] for k in range(len(trials))]
+
+    def _pays(self, values: Array, contacts: bool, trials: int) -> bool:
+        """Whether the engine should step some trials while controllers act in others."""
+        own = values[:, : len(self.quantities)]
+        return not acts_in_each_step(self.quantities, own) and self.batches.overlaps(
+            len(values) * trials // 2, contacts
+        )
 
     @property
     def _has_floor(self) -> bool:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
 import mujoco
@@ -19,6 +19,7 @@ from trueup.articulated.sensing import read_noise, scatter
 from trueup.articulated.signals import Signals
 from trueup.articulated.wiring import no_signal
 from trueup.controllers.controller import ControllerFactory
+from trueup.cores import Work
 from trueup.ends import Ended
 from trueup.engines.mujoco.acts import Acts
 from trueup.engines.mujoco.attributes import MujocoCopies
@@ -65,8 +66,9 @@ class Run:
 
     def __init__(
         self, simulator: Parametrised, trials: Sequence[Trial], values: Array,
-        controllers: ControllerFactory | None, contacts: bool,
+        controllers: ControllerFactory | None, contacts: bool, place: int = 0,
     ) -> None:  # fmt: skip
+        """`place`: which of the runs it is that are under way at once."""
         self.simulator, self.trials, self.candidates = simulator, trials, len(values)
         count = len(simulator.quantities)
         self.settings = values[:, count:] if values.shape[1] > count else None
@@ -74,6 +76,8 @@ class Run:
         self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, :count])
         self.failures: list[dict[int, str]] = [{} for _ in trials]
         self.ends: list[dict[int, Ended]] = [{} for _ in trials]
+        self.touched = False
+        """Whether anything ever touched anything."""
         self._stopped: list[dict[int, float]] = [{} for _ in trials]  # row to the instant up to which it is known
         self.out: list[dict[str, Array]] = []
         self.sources: list[dict[str, Source]] = []
@@ -83,7 +87,7 @@ class Run:
         read = any(s.field == "sensordata" for per in self.sources for s in per.values())
         self.batch = simulator.batches.get(
             len(trials) * self.candidates, contacts=contacts, sensors=any(own) or read or self.watch.any,
-            stepwise=acts_in_each_step(simulator.quantities, values[:, :count]),
+            stepwise=acts_in_each_step(simulator.quantities, values[:, :count]), place=place,
         )  # fmt: skip
         self.copies = MujocoCopies(self.compiled, self.batch)
         self._write_model(values)
@@ -91,18 +95,21 @@ class Run:
         self.acts = Acts(self.batch, simulator.model, self.compiled, trials, self.signals, simulator.step, seeing)
         self.stepper = self._stepper(values, own)
 
-    def simulate(self) -> bool:
-        """Steps all rows to their ends, reading off on the way. True if anything ever touched."""
+    def simulate(self) -> Iterator[Work]:
+        """Steps all rows to their ends, reading off on the way.
+
+        Yields the engine's work, which is to be done before it goes on.
+        """
         total = np.repeat([self._steps(k) for k in range(len(self.trials))], self.candidates)
         fields = sorted({s.field for per in self.sources for s in per.values()} | set(self.watch.fields))
         record = sorted({*fields, *self.acts.watched, "time"} | ({"ncon"} if self.contacts else set()))
         previous = {f: np.array(self.batch.bind(f))[:, None] for f in fields}
         self.acts.begin()
-        rows, touched, at = np.arange(len(total)), False, 0
+        rows, at = np.arange(len(total)), 0
         while len(rows):
             count = min(BLOCK if self.watch.any else _CHUNK, int(total[rows].max()) - at)
-            history = self.stepper.advance(at, count, rows, record)
-            touched = touched or bool(self.contacts and np.any(history["ncon"]))
+            history = yield from self.stepper.advance(at, count, rows, record)
+            self.touched = self.touched or bool(self.contacts and np.any(history["ncon"]))
             joined = {f: np.concatenate([previous[f][rows], history[f]], axis=1) for f in fields}
             good = self._good(history["time"], joined, rows, at)
             self._read(joined, rows, at, count)
@@ -112,7 +119,6 @@ class Run:
             at += count
             rows = rows[~over & (total[rows] > at)]
         self._blank()
-        return touched
 
     def rollouts(self) -> list[Rollout]:
         """What was read off, one Rollout a trial."""

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import mujoco
@@ -17,6 +17,7 @@ from trueup.arrays import Array, Integers
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.laws import Law
 from trueup.articulated.signals import Signals
+from trueup.cores import Work
 from trueup.engines.mujoco.acts import Acts
 
 BLOCK = 32
@@ -69,9 +70,12 @@ class Stepper:
         self.errors: dict[int, str] = {}
         """Row to what the engine says of its failure."""
 
-    def advance(self, at: int, count: int, rows: Integers, record: Sequence[str]) -> dict[str, Array]:
+    def advance(
+        self, at: int, count: int, rows: Integers, record: Sequence[str]
+    ) -> Generator[Work, None, dict[str, Array]]:
         """Field to (len(rows), count, ...) after each of `count` steps; `at` is the number of steps done so far.
 
+        Yields the engine's work, which is to be done before it goes on.
         Of a row whose simulation broke off, 'time' stands still or is NaN from there on.
         """
         bound = {f: self._batch.bind(f) for f in record}
@@ -91,7 +95,7 @@ class Stepper:
             commands = self._commands(now, n, rows, given)
             whole = n == count
             part = out if whole else {f: _blank((len(rows), n, *shape), kind) for f, (shape, kind) in shapes.items()}
-            self._stretch(commands, n, rows, part)
+            yield partial(self._stretch, commands, n, rows, part)
             if not whole:
                 for field, values in part.items():
                     out[field][:, done : done + n] = values
