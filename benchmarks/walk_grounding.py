@@ -218,35 +218,73 @@ def main() -> None:
         "--quick", action="store_true", help="6 walks of 5 s to learn from, 24 held out, no inverse models, lines alone"
     )
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robots", type=int, default=1, help="so many stand-ins, of this seed and those that follow")
     options = parser.parse_args()
-    rng = np.random.default_rng(options.seed)
-    robot = StandInNao(Truth.drawn(rng), seed=options.seed, threads=1)
-    train, held, seconds = (6, 24, 5.0) if options.quick else (20, 40, 10.0)
-    begun = time.process_time()
+    ranked = [of_robot(seed, quick=options.quick) for seed in range(options.seed, options.seed + options.robots)]
+    if options.robots > 1:
+        pooled(ranked)
+
+
+def of_robot(seed: int, *, quick: bool) -> dict[str, tuple[Array, Array]]:
+    """Each way to the speeds of held-out walks in its simulator and on one stand-in; prints its table."""
+    rng, begun = np.random.default_rng(seed), time.process_time()
+    robot = StandInNao(Truth.drawn(rng), seed=seed, threads=1)
+    train, held, seconds = (6, 24, 5.0) if quick else (20, 40, 10.0)
     learning, fresh = walked(robot, rng, train, seconds, "learn"), walked(robot, rng, held, seconds, "fresh")
     falls = [sum("ended" in r.provenance for r in w.recordings) for w in (learning, fresh)]
     print(f"{train} walks to learn from ({falls[0]} fell), {held} held out ({falls[1]} fell)")
-    names = ("linear",) if options.quick else ("linear", "model-tree")
-    view = "own" if options.quick else None
+    names = ("linear",) if quick else ("linear", "model-tree")
+    view = "own" if quick else None
     wishes = Wishes(joints=scenes.MOTORS, others=(), learners=names, by_row=False, period=scenes.CYCLE, view=view)
     learned = learn(learning.recordings, wishes)
     print(f"{learned.grounding.about['learner']}, {learned.view}, {learned.rows.inputs.history} frames: "
           f"{learned.comparison.why}; {time.process_time() - begun:.0f} CPU s")  # fmt: skip
-    found = ways(learned, learning, quick=options.quick)
-    report(found, fresh, len(fresh.values) if options.quick else 12)
-    print(f"{time.process_time() - begun:.0f} CPU s")
+    ranked = report(ways(learned, learning, quick=quick), fresh, len(fresh.values) if quick else 12)
+    print(f"{time.process_time() - begun:.0f} CPU s", flush=True)
+    return ranked
 
 
-def report(found: dict[str, Way], fresh: Walks, replays: int) -> None:
-    """The table on held-out walks, and the RESULT lines."""
+def pooled(ranked: Sequence[dict[str, tuple[Array, Array]]]) -> None:
+    """Prints rank correlations in the mean over robots, and their gain with 95 % intervals over robots and their walks."""
+    print(
+        f"{len(ranked)} robots: {'':32}rank correlation    gain, 95 % over robots and walks    robots on which it rises"
+    )
+    for name in ranked[0]:
+        speeds_of = [(each["ungrounded"][0], *each[name]) for each in ranked]
+        ranks = np.array([[rank_of(before, real), rank_of(after, real)] for before, after, real in speeds_of])
+        rng, gains = np.random.default_rng(0), []
+        for _ in range(1000):
+            drawn = []
+            for k in rng.integers(len(speeds_of), size=len(speeds_of)):
+                before, after, real = speeds_of[k]
+                pick = rng.integers(len(real), size=len(real))
+                drawn.append(rank_of(after[pick], real[pick]) - rank_of(before[pick], real[pick]))
+            gains.append(np.mean(drawn))
+        low, high = np.nanquantile(gains, [0.025, 0.975])
+        gain = float(np.mean(ranks[:, 1] - ranks[:, 0]))
+        print(f"{name:44}{ranks[:, 1].mean():.3f}    {gain:+.3f} ({low:+.3f} ... {high:+.3f})"
+              f"    {np.sum(ranks[:, 1] > ranks[:, 0])} of {len(ranks)}")  # fmt: skip
+        if name != "ungrounded":
+            result(f"{_short(name)}_speed_rank_gain_of_{len(ranks)}", gain, "", 0.0, peer="ungrounded", at_most=False)
+
+
+def _short(name: str) -> str:
+    """A way's name in RESULT lines."""
+    return name.split(" (")[0].replace(",", "").replace(" ", "_").replace("'", "")
+
+
+def report(found: dict[str, Way], fresh: Walks, replays: int) -> dict[str, tuple[Array, Array]]:
+    """The table on held-out walks, and the RESULT lines; each way to its speeds and the robot's."""
     print(f"held-out walks: replays of {replays}; {len(fresh.values)} walking by themselves (the robot: "
           f"{100 * speeds(found['ungrounded'], fresh)[1].mean():.1f} cm/s)")  # fmt: skip
     print(f"{'':44}joints  torso   over ungrounded: joints, torso     speed  rank correlation    gain")
     print(f"{'':44}  mrad   mrad   (ratio, 95 %)                      cm/s   (95 %)              (95 %)")
     told: list[tuple[str, list[Evidence], float]] = []
+    ranked: dict[str, tuple[Array, Array]] = {}
     plain, (before, real) = replayed_by(found["ungrounded"], fresh.first(replays)), speeds(found["ungrounded"], fresh)
     for name, way in found.items():
         each, (simulated, _) = replayed_by(way, fresh.first(replays)), speeds(way, fresh)
+        ranked[name.split(" (")[0]] = simulated, real
         ratios = [evidence(getattr(plain, part), getattr(each, part)) for part in ("joints", "torso")]
         shown = "  ".join(f"{np.exp(-g.gain):.2f} ({np.exp(-g.gain - 2 * g.standard_error):.2f}-"
                           f"{np.exp(-g.gain + 2 * g.standard_error):.2f})" for g in ratios)  # fmt: skip
@@ -257,11 +295,12 @@ def report(found: dict[str, Way], fresh: Walks, replays: int) -> None:
         if name != "ungrounded":
             told.append((name, ratios, rank))
     for name, ratios, rank in told:
-        short = name.split(" (")[0].replace(",", "").replace(" ", "_").replace("'", "")
+        short = _short(name)
         for part, g in zip(("joints", "torso"), ratios, strict=True):
             result(f"{short}_{part}_over_ungrounded", float(np.exp(-g.gain)), "", 1.0, peer="ungrounded simulator")
         result(f"{short}_speed_rank", rank, "", rank_of(before, real), peer="ungrounded",
                peer_value=rank_of(before, real), at_most=False)  # fmt: skip
+    return ranked
 
 
 def replayed_by(way: Way, walks: Walks) -> Agreement:
