@@ -54,7 +54,9 @@ def test_logs_and_a_model_become_a_grounded_simulator(
     story = json.loads((folder / "out" / "grounding.json").read_text("utf-8"))
     (held,) = [r for r in story["simulator"]["replays"] if r["kind"] == "held out"]
     assert held["after"] < 0.85 * held["before"]
-    assert "LinearRegression" in (folder / "out" / "report.html").read_text("utf-8")
+    page = (folder / "out" / "report.html").read_text("utf-8")
+    assert "LinearRegression" in page
+    assert page.count("measured, and foretold for a second on") == len(story["joints"])
     capsys.readouterr()
     assert main(["replay", "arm.xml", "logs/run_4.parquet", "--grounding", "out/grounding.npz", "--json", "-q"]) == 0
     (replay,) = json.loads(capsys.readouterr().out)

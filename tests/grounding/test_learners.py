@@ -221,6 +221,23 @@ def test_the_recordings_choose_history_and_learner(rng: np.random.Generator) -> 
     assert straight.comparison.chosen == "linear"  # nothing is surely better than a line
 
 
+def test_what_is_shown_of_a_run_left_out_is_a_second_on_from_what_was_measured(rng: np.random.Generator) -> None:
+    noise = 2e-3
+    runs = recordings(rng, lag, 4, 300, noise)
+    wishes = Wishes(learners=("linear", "simple-linear"), by_row=False, history=1)
+    shown = learn(runs, wishes).shown
+    assert shown.run in [r.name for r in runs]
+    assert shown.time[-1] == pytest.approx(4.0 - PERIOD)
+    measured = next(r for r in runs if r.name == shown.run).channel("position").values
+    first = next(t for t in range(len(measured)) if np.allclose(measured[t : t + 200], shown.measured))
+    # From a measured value, which is noisy, a second on by the law alone.
+    state = measured[first - 1]
+    for command, said in zip(shown.command[:50], shown.foretold[:50], strict=True):
+        state = lag(state, command)
+        assert np.abs(said - state).max() < 2.0 * noise
+    assert np.ptp(shown.measured, axis=0).min() > 0.3
+
+
 def test_a_centre_of_mass_from_another_origin_is_outside_of_what_was_learned(rng: np.random.Generator) -> None:
     made = []
     for run in recordings(rng, runs=8):

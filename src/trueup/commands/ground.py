@@ -30,6 +30,7 @@ from trueup.trial import Trial
 if TYPE_CHECKING:
     from trueup.engines.simulator import Simulator
     from trueup.grounding.comparison import Score
+    from trueup.grounding.foretold import Foretold
     from trueup.grounding.grounded import GroundedSimulator
     from trueup.grounding.grounding import Grounding
     from trueup.grounding.learn import Learned, Wishes
@@ -187,8 +188,15 @@ def _story(
         "chosen": learned.grounding.about["learner"], "why": learned.grounding.about["why"],
         "skipped": list(found.skipped), "judged": [_plain(s) for s in scores.values()],
         "domain": [{"block": b.name, "limit": b.limit, "frames": b.patience} for b in learned.grounding.domain.blocks],
-        "seconds": learned.seconds, "notes": list(learned.notes),
+        "seconds": learned.seconds, "notes": list(learned.notes), "shown": _shown(learned.shown),
     }  # fmt: skip
+
+
+def _shown(shown: Foretold) -> dict[str, Any]:
+    arrays = {name: getattr(shown, name) for name in ("time", "command", "measured", "foretold")}
+    from trueup.grounding.comparison import AHEAD
+
+    return {"run": shown.run, "ahead": AHEAD, **{name: values.tolist() for name, values in arrays.items()}}
 
 
 def _plain(score: Score) -> dict[str, Any]:

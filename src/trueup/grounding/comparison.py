@@ -111,7 +111,12 @@ def cross_validated(
 
 
 def error_ahead(model: Model | None, rows: Rows) -> float:
-    """Mean absolute error, in spreads of the outputs, of chains of a second that begin at measured frames.
+    """Mean absolute error of `chained`, in spreads of the outputs."""
+    return _seen(np.abs(chained(model, rows) - rows.Y), rows)
+
+
+def chained(model: Model | None, rows: Rows) -> Array:
+    """(N, k) what is foretold in chains of a second that begin at measured frames, each going on from what it foretold.
 
     Commands and other channels are as recorded. None holds the first value.
     """
@@ -122,7 +127,7 @@ def error_ahead(model: Model | None, rows: Rows) -> float:
     starts = np.flatnonzero(since % length == 0)
     ends = np.append(starts[1:], N)  # of each chain
     past: list[Array] = []  # what was said in the frames before, one row a chain
-    wrong = np.full_like(rows.Y, np.nan)
+    told = np.full_like(rows.Y, np.nan)
     for t in range(length):
         going = np.flatnonzero(starts + t < ends)
         X = rows.X[starts[going] + t]
@@ -130,9 +135,9 @@ def error_ahead(model: Model | None, rows: Rows) -> float:
             X[:, at + inputs.own] = q[going]
         now = np.zeros((len(starts), rows.Y.shape[1]))
         now[going] = X[:, inputs.own] if model is None else model.predict(X)
-        wrong[starts[going] + t] = np.abs(now[going] - rows.Y[starts[going] + t])
+        told[starts[going] + t] = now[going]
         past = [now, *past[: inputs.history - 1]]
-    return _seen(wrong, rows)
+    return told
 
 
 def score(

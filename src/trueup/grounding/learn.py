@@ -25,6 +25,7 @@ from trueup.grounding.comparison import (
     surely,
 )
 from trueup.grounding.domain import domain_of
+from trueup.grounding.foretold import Foretold, foretold
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS, Learner, learners, tempered
 from trueup.grounding.others import telling_nothing
@@ -68,6 +69,8 @@ class Learned:
     tried: tuple[tuple[str, float], ...]
     """Inputs that were tried, in words, each with its typical error on runs left out, in spreads of the outputs."""
     seconds: float
+    shown: Foretold
+    """A stretch of a run left out."""
     notes: tuple[str, ...] = ()
     """What is to be known of the recordings."""
 
@@ -104,7 +107,8 @@ def learn(
     about = {"learner": learner.name, "view": view, "why": why, "recordings": "\n".join(r.name for r in recordings)}
     grounding = Grounding(inputs, model, domain_of(rows), about=about)
     notes = remarks(recordings, rows, chosen=wish.others is not None)
-    return Learned(grounding, found, taken, rows, view, tried, time.process_time() - begun, notes)
+    shown = foretold(learner, rows, view, taken, wish.seed)
+    return Learned(grounding, found, taken, rows, view, tried, time.process_time() - begun, shown, notes)
 
 
 def no_worse_than_a_line(found: Comparison, rows: Rows, view: str, seed: int) -> tuple[Learner, float, Score]:

@@ -5,14 +5,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import scale_for
-from trueup.report.parts import Section, callout, caption, cells, context_table, head, hero, page, row, table
+from trueup.report.parts import Section, callout, caption, cells, context_table, head, hero, key, page, row, table
+from trueup.report.plots import AFTER, FAINT, INK, Plot, span
+from trueup.rounding import SAME_INSTANT
 
 Story = Mapping[str, Any]
 """What `trueup ground` writes as grounding.json."""
@@ -58,7 +63,7 @@ def _learners(story: Story) -> Markup:
     )
     skipped = callout("warn", "Not compared", f"The time was not enough for {', '.join(story['skipped'])}.")
     return join(
-        [hero(label, _percent(best, "rae")), table(head(*titles, numbers=range(1, 7)), rows), caption(note),
+        [hero(label, f"{_percent(best, 'rae')} %"), table(head(*titles, numbers=range(1, 7)), rows), caption(note),
          tag("p", f"Why {story['chosen']}: {story['why']}."), skipped if story["skipped"] else Markup("")]
     )  # fmt: skip
 
@@ -109,8 +114,46 @@ def _joints(story: Story) -> Markup:
         )
         for k, j in enumerate(story["joints"])
     ]
-    titles = ("joint", f"{story['chosen']}, {scale.unit}", "RAE %", f"hold the last value, {scale.unit}")
-    return join([table(head(*titles, numbers=range(1, 4)), rows), caption("One frame on, whole runs left out.")])
+    unit = f", {scale.unit}" if scale.unit else ""
+    titles = ("joint", f"{story['chosen']}{unit}", "RAE %", f"hold the last value{unit}")
+    note = "One frame on, whole runs left out." + (
+        "" if unit else " In the recordings' own unit, which they do not name."
+    )
+    return join([table(head(*titles, numbers=range(1, 4)), rows), caption(note), *_foretold(story, best["rae"])])
+
+
+def _foretold(story: Story, errors: Sequence[float]) -> list[Markup]:
+    """Seconds of a run left out, of the joints that are hardest to foretell."""
+    shown, most = story["shown"], 3
+    time, lines = np.array(shown["time"]), {n: np.array(shown[n]) for n in ("command", "measured", "foretold")}
+    starts = np.flatnonzero(np.diff(np.floor(time / shown["ahead"] + SAME_INSTANT), prepend=-1.0) > 0)
+    moving = [k for k in np.argsort(errors)[::-1].tolist() if math.isfinite(errors[k])]
+    figures = []
+    for k in moving[:most]:
+        own = {n: each[:, k] for n, each in lines.items()}
+        plot = Plot(
+            (0.0, float(time[-1])),
+            span(np.concatenate(list(own.values())).tolist()),
+            "s",
+            story["unit"],
+            width=860,
+            height=210,
+        )
+        plot.curve(time, own["command"], FAINT, dashed=True)
+        plot.curve(time, own["measured"], INK)
+        for first, last in pairwise([*starts.tolist(), len(time)]):
+            plot.curve(time[first:last], own["foretold"][first:last], AFTER)
+            plot.dot((float(time[first]), float(own["foretold"][first])), AFTER, size=3.0)
+        figures += [
+            tag("h4", story["joints"][k]),
+            plot.svg(f"{story['joints'][k]}: measured, and foretold for a second on"),
+        ]
+    words = (
+        f"{shown['run']}, foretold without it: begun anew at each dot, and gone on from what was foretold for a second. The "
+        "joints that are hardest to foretell."
+    )
+    colours = key(("ink", "measured"), ("after", "foretold"), ("faint", "commanded"))
+    return [tag("h3", "A second on, in a run left out"), caption(words), colours, *figures] if figures else []
 
 
 def _inputs(story: Story) -> Markup:
