@@ -15,6 +15,7 @@ from trueup.calibration import Calibration, Estimate, Prediction
 from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import rolling, with_commands
 from trueup.engines.vehicle.judging import Ahead
+from trueup.engines.vehicle.localisation import with_noise
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both, confirmed
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
@@ -32,6 +33,7 @@ from trueup.tracking.heading import told_by
 from trueup.tracking.past import begun_at
 from trueup.tracking.place import tells_place
 from trueup.tracking.wheels import tells_way
+from trueup.tracking.windows import noise_of
 from trueup.trial import Trial
 
 BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
@@ -124,7 +126,8 @@ class Vehicles(Family):
         )
         estimates = slow_in_one_way(by_both(found.estimates, other.estimates, simulator.parameters))
         estimates = making_up(estimates) if lacks else estimates
-        return replace(found, estimates=estimates, notes=notes, warnings=(*said_once(found.warnings), *lacks))
+        done = replace(found, estimates=estimates, notes=notes, warnings=(*said_once(found.warnings), *lacks))
+        return with_noise(done, noise_of(drives), simulator.vehicle.values)
 
     def known_before(self, simulator: VehicleSimulator) -> bool:
         """See Family: a car that is told shares of an unknown most drives like none until it is calibrated."""
