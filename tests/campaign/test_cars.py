@@ -22,7 +22,7 @@ from trueup.campaign.cars import simulator_of
 from trueup.campaign.events import Calibrated, Chosen, Event, Scored
 from trueup.campaign.folder import Folder
 from trueup.campaign.journal import Journal, read_journal
-from trueup.campaign.kinds import follow_path, mujoco
+from trueup.campaign.kinds import follow_path, in_windows, mujoco
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.controllers.controller import Observation
@@ -262,6 +262,9 @@ def test_what_is_missing_of_a_car_is_said_with_what_mends_it(tmp_path: Path) -> 
     for name, asked in (("none.toml", "there is no file .*trueup calibrate"), ("car.toml", "max_steering = 0.4")):
         with pytest.raises(PlanError, match=asked):
             simulator_of(tmp_path / name, lambda line: None, as_it_is=True)
+    ready = simulator_of(tmp_path / "car.toml", lambda line: None, as_it_is=True, max_steering=0.4)
+    with pytest.raises(PlanError, match="'drives' fits the simulator 'bicycle'"):
+        in_windows(6.0, ready.simulator)
     (tmp_path / "arm.xml").write_text("<mujoco/>")
     with pytest.raises(PlanError, match='type = "mujoco"'):
         simulator_of(tmp_path / "arm.xml", lambda line: None)

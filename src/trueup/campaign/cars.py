@@ -84,6 +84,14 @@ def follower(simulator: Simulator) -> Vehicle:
     return car
 
 
+def is_of_a_file(simulator: Simulator) -> bool:
+    """Whether a simulator is a vehicle's that pursues what it is told, as files describe them."""
+    from trueup.engines.vehicle import VehicleSimulator
+
+    whole = simulator.whole if isinstance(simulator, Restricted) else simulator
+    return isinstance(whole, VehicleSimulator) and whole.vehicle.drive != "speed"
+
+
 def _with_units(simulator: Simulator, recordings: Sequence[Recording]) -> list[Recording]:
     """Recordings of trials, whose commands are the speeds and angles that were asked for where nobody says a unit."""
     from trueup.engines.vehicle import VehicleSimulator

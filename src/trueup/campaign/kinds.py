@@ -161,8 +161,18 @@ def stand_in_vehicle(task: FollowPath, number: int = 0, seed: int = 0, failing: 
     return StandInVehicle(number, task.settings, seed=seed, failing=failing)
 
 
-def in_windows(length: float) -> Suited:
-    """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
+def in_windows(length: float, simulator: Simulator | None = None) -> Suited:
+    """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away.
+
+    Raises PlanError for a `simulator` that is calibrated in a way of its own.
+    """
+    from trueup.campaign.cars import is_of_a_file
+
+    if simulator is not None and is_of_a_file(simulator):
+        raise PlanError(
+            "[calibrate], method: 'drives' fits the simulator 'bicycle'; a vehicle is fitted as `trueup calibrate` does it, "
+            "without a method (or with 'fit'), and stays as its file says with 'none'"
+        )
 
     def taken(recordings: Sequence[Recording]) -> list[Recording]:
         from trueup.tracking.windows import windows
