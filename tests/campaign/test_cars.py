@@ -27,6 +27,8 @@ from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.controllers.controller import Observation
 from trueup.controllers.stanley import Stanley, StanleySettings
+from trueup.engines.vehicle.commands import in_another_unit
+from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import PlanError
 from trueup.formats import read
@@ -255,6 +257,12 @@ def test_a_follower_of_speeds_and_angles_says_which_cars_it_cannot_drive(tmp_pat
     simulator = simulator_of(tmp_path / "car.toml", lambda line: None, as_it_is=True, max_steering=0.4).simulator
     with pytest.raises(PlanError, match=said):
         follow_path(("slalom",), simulator, tmp_path, lambda line: None)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(0.28, "km/h"), (0.44, "mph"), (1.02, ""), (0.93, ""), (0.7, "")])
+def test_speeds_in_another_unit_are_told_by_how_far_the_car_goes_for_them(scale: float, unit: str) -> None:
+    said = in_another_unit(Vehicle("car", WHEELBASE, drive=PURSUED), {"speed_scale": scale})
+    assert [f'units = ["{unit}"' in s for s in said] == [True] * bool(unit)
 
 
 def test_what_is_missing_of_a_car_is_said_with_what_mends_it(tmp_path: Path) -> None:

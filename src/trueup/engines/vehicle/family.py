@@ -13,7 +13,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Calibration, Estimate, Prediction
 from trueup.engines.family import Family, Fit, Request
-from trueup.engines.vehicle.commands import rolling, with_commands
+from trueup.engines.vehicle.commands import in_another_unit, rolling, with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.localisation import with_noise
 from trueup.engines.vehicle.look import Look
@@ -117,10 +117,11 @@ class Vehicles(Family):
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
         )
         lacks, left = errors_go_with(simulator, found.values, [*drives, *others], max(horizons))
+        valued = {e.name: e.value for e in found.estimates}
         notes = (
             *said,
             *found.notes,
-            *rolling(simulator.vehicle, {e.name: e.value for e in found.estimates}),
+            *(said for tell in (rolling, in_another_unit) for said in tell(simulator.vehicle, valued)),
             *(sentence for each in shown for sentence in each),
             *left,
         )
