@@ -141,8 +141,11 @@ RULES = (
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
     # the names that a plan may use, and what is behind them; `engines.family` leads from model files to engines
     Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),
-    *(Rule(name, (*BASES, *NOUNS), lazily=ANYTHING) for name in ("campaign.motions", "campaign.walks")),
-    Rule("campaign.drives", ("engines.vehicle.quantities", "discrepancies.rigid", *BASES, *NOUNS)),
+    *(
+        Rule(name, (*BASES, *NOUNS), lazily=ANYTHING)
+        for name in ("campaign.motions", "campaign.walks", "campaign.cars")
+    ),
+    Rule("campaign.drives", ("engines.vehicle.localisation", "discrepancies.rigid", *BASES, *NOUNS)),
     Rule(
         "report",
         (

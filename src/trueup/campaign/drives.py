@@ -14,7 +14,7 @@ from trueup.calibration import NORMAL_95, Calibration, Estimate
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.family import Family, Fit
 from trueup.engines.simulator import Simulator
-from trueup.engines.vehicle.quantities import NOISES
+from trueup.engines.vehicle.localisation import with_noise
 from trueup.recording import Recording
 from trueup.tracking.channels import CHANNELS
 from trueup.tracking.windows import LENGTH, noise_of, windows
@@ -62,18 +62,6 @@ class Drives(Family):
             fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False, without=EARNING_NOTHING)
         )
         return with_noise(in_words(found), noise_of(training))
-
-
-def with_noise(calibration: Calibration, noise: tuple[float, float]) -> Calibration:
-    """The same with the localisation's noise (m, rad) as the drives show it, where the simulator declares it and no fit
-    has found it: what acts in closed loop only cannot be seen in a replay.
-    """
-    shown = dict(zip(NOISES, noise, strict=True))
-    return dataclasses.replace(calibration, estimates=tuple(
-        dataclasses.replace(e, value=min(max(shown[e.name], e.lower_bound), e.upper_bound), note="measured in the drives")
-        if e.name in shown and not e.fitted else e
-        for e in calibration.estimates
-    ))  # fmt: skip
 
 
 def in_words(calibration: Calibration) -> Calibration:

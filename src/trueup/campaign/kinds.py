@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trueup.calibration import Calibration, TracePoint
-from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError, RecordingError, unknown_name
 from trueup.recording import Recording
 from trueup.tracking.windows import LENGTH
 
 if TYPE_CHECKING:
-    from trueup.engines.vehicle import BicycleSimulator, Vehicle
+    from trueup.engines.vehicle import BicycleSimulator
     from trueup.loop.prepare import Preparation
     from trueup.robots.stand_in_vehicle import StandInVehicle
     from trueup.tasks.follow_path import FollowPath
@@ -39,6 +38,7 @@ SIMULATORS = {
     "mujoco": "trueup.campaign.kinds:mujoco",
     "dart": "trueup.campaign.kinds:dart",
     "bicycle": "trueup.campaign.kinds:bicycle",
+    "vehicle": "trueup.campaign.cars:simulator_of",
 }
 TASKS = {
     "follow-path": "trueup.campaign.kinds:follow_path",
@@ -81,6 +81,8 @@ def robot(
 
     if not model.is_file():
         raise PlanError(f"[simulator], model: there is no file '{model}'; name your robot's MJCF or URDF")
+    if model.suffix.lower() == ".toml":
+        raise PlanError(f"[simulator], model: '{model}' is the file of a vehicle, which type = \"vehicle\" simulates")
 
     def told(ready: Preparation) -> Preparation:
         for note in ready.notes:
@@ -135,10 +137,11 @@ def follow_path(
     m/s where a file has none. Raises PlanError for a simulator that is no vehicle, UnknownNameError, ParameterError,
     FormatError.
     """
+    from trueup.campaign.cars import follower
     from trueup.controllers.stanley import StanleySettings
     from trueup.tasks.follow_path import FollowPath, too_tight
 
-    vehicle = _vehicle(simulator)
+    vehicle = follower(simulator)
     settings = StanleySettings(
         wheelbase=vehicle.wheelbase, max_steering=vehicle.max_steering, max_speed=max_speed, edges=edges, period=period
     )
@@ -158,8 +161,18 @@ def stand_in_vehicle(task: FollowPath, number: int = 0, seed: int = 0, failing: 
     return StandInVehicle(number, task.settings, seed=seed, failing=failing)
 
 
-def in_windows(length: float) -> Suited:
-    """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
+def in_windows(length: float, simulator: Simulator | None = None) -> Suited:
+    """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away.
+
+    Raises PlanError for a `simulator` that is calibrated in a way of its own.
+    """
+    from trueup.campaign.cars import is_of_a_file
+
+    if simulator is not None and is_of_a_file(simulator):
+        raise PlanError(
+            "[calibrate], method: 'drives' fits the simulator 'bicycle'; a vehicle is fitted as `trueup calibrate` does it, "
+            "without a method (or with 'fit'), and stays as its file says with 'none'"
+        )
 
     def taken(recordings: Sequence[Recording]) -> list[Recording]:
         from trueup.tracking.windows import windows
@@ -198,15 +211,6 @@ def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("posi
             "the discrepancy 'weighted' needs recordings in [calibrate]; leave it out, and each fit makes its own"
         )
     return Weighted.estimated(recordings, channels)
-
-
-def _vehicle(simulator: Simulator) -> Vehicle:
-    from trueup.engines.vehicle import BicycleSimulator
-
-    whole = simulator.whole if isinstance(simulator, Restricted) else simulator
-    if not isinstance(whole, BicycleSimulator):
-        raise PlanError(f"the task 'follow-path' needs the simulator 'bicycle', not '{simulator.name}'")
-    return whole.vehicle
 
 
 def _path(name: str, base: Path, speed: float | None):

@@ -127,7 +127,7 @@ def _limited(plan: Plan, ready: Preparation) -> Preparation:
 def _suited(plan: Plan, ready: Preparation) -> Suited:
     """What makes recordings of the robot ready for the simulator that the plan names."""
     if plan.calibrate.method.type == "drives":
-        return in_windows(float(plan.calibrate.method.options.get("length", LENGTH)))
+        return in_windows(float(plan.calibrate.method.options.get("length", LENGTH)), ready.simulator)
     return ready.suited
 
 

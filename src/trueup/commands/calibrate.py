@@ -43,6 +43,9 @@ A car that is driven by throttle and steering, and whose pose was tracked, is a 
   [vehicle]
   wheelbase = 0.1735          # m
 
+A path follower is tuned in fit/car.toml by `trueup new floor --from stanley` with [simulator] type = "vehicle" and
+model = "../fit/car.toml" (docs/vehicles.md).
+
 So is a robot on two driven wheels, commanded by these or by speed and turn rate (docs/vehicles.md):
 
   [vehicle]

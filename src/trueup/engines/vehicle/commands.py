@@ -13,6 +13,7 @@ from trueup.arrays import Array
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
+from trueup.inspection.relations import nearest
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
@@ -27,6 +28,8 @@ _WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s
     "counts a second": ("", 1.0)
 }
 """In which wheels are told a speed: the unit in SI, and the factor to it."""
+_OTHER_SPEEDS = ("km/h", "mph", "cm/s", "mm/s")
+"""In which logs have speeds beside m/s."""
 _NEAR = float(np.log(1.25))
 """Of a robot's way over what its wheels would roll: slip, worn tyres and a soft controller make no more."""
 _GRID = 0.01  # s
@@ -88,6 +91,18 @@ def rolling(car: Vehicle, values: Mapping[str, float]) -> tuple[str, ...]:
     return (
         f"two driven wheels: they roll {further:.3f} of the way that they are told{radius}, and turn the robot as "
         f"if they were {car.wheels.track * further / turn:.4g} m apart (track in the file: {car.wheels.track:.4g} m)",
+    )
+
+
+def in_another_unit(car: Vehicle, values: Mapping[str, float]) -> tuple[str, ...]:
+    """That a car goes as far for a commanded 1 m/s as for one of another unit; nothing where it does not."""
+    scale = values.get("speed_scale", 1.0)
+    unit = nearest(scale, {u: to_si(u)[1] for u in _OTHER_SPEEDS}) if car.drive == PURSUED and car.in_metres else ""
+    if not unit:
+        return ()
+    return (
+        f"speed_scale is {scale:.4g}: the commanded speeds were taken for m/s and look like {unit}. Say so in the mapping's "
+        f'[channels.command], units = ["{unit}", "rad"] (or deg), before a path follower is tuned in this car in m/s',
     )
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Calibration, Estimate, Prediction
 from trueup.engines.family import Family, Fit, Request
-from trueup.engines.vehicle.commands import rolling, with_commands
+from trueup.engines.vehicle.commands import in_another_unit, rolling, with_commands
 from trueup.engines.vehicle.judging import Ahead
+from trueup.engines.vehicle.localisation import with_noise
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both, confirmed
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
@@ -32,6 +33,7 @@ from trueup.tracking.heading import told_by
 from trueup.tracking.past import begun_at
 from trueup.tracking.place import tells_place
 from trueup.tracking.wheels import tells_way
+from trueup.tracking.windows import noise_of
 from trueup.trial import Trial
 
 BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
@@ -115,16 +117,18 @@ class Vehicles(Family):
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
         )
         lacks, left = errors_go_with(simulator, found.values, [*drives, *others], max(horizons))
+        valued = {e.name: e.value for e in found.estimates}
         notes = (
             *said,
             *found.notes,
-            *rolling(simulator.vehicle, {e.name: e.value for e in found.estimates}),
+            *(said for tell in (rolling, in_another_unit) for said in tell(simulator.vehicle, valued)),
             *(sentence for each in shown for sentence in each),
             *left,
         )
         estimates = slow_in_one_way(by_both(found.estimates, other.estimates, simulator.parameters))
         estimates = making_up(estimates) if lacks else estimates
-        return replace(found, estimates=estimates, notes=notes, warnings=(*said_once(found.warnings), *lacks))
+        done = replace(found, estimates=estimates, notes=notes, warnings=(*said_once(found.warnings), *lacks))
+        return with_noise(done, noise_of(drives), simulator.vehicle.values)
 
     def known_before(self, simulator: VehicleSimulator) -> bool:
         """See Family: a car that is told shares of an unknown most drives like none until it is calibrated."""

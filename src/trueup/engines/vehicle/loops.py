@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.compiled import njit
 from trueup.controllers.stanley.kernel import MEMORY, stanley
-from trueup.engines.vehicle.beginning import advance, begin, delayed
+from trueup.engines.vehicle.beginning import advance, begin, delayed, forward_speed, place
 from trueup.engines.vehicle.kernels import (
     DRIVE,
     DRIVE_DELAY,
@@ -19,10 +19,12 @@ from trueup.engines.vehicle.kernels import (
     HEADING_NOISE,
     LAGGED,
     LATENCY,
+    MOTOR,
     POSE_LEFT,
     POSE_TURN,
     POSITION_NOISE,
     SPEED,
+    SPEED_GAIN,
     STATE,
     STEERING_DELAY,
     STEERING_LAG,
@@ -118,6 +120,29 @@ def replay_rows(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def in_force(p: Array, speed: float) -> float:
+    """What is commanded of the drive of a vehicle that keeps its `speed` (m/s); of a throttle nothing is known."""
+    return speed / p[DRIVE] if p[SPEED_GAIN] > 0.0 else 0.0 if p[DRIVE] > 0.0 else speed
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_from(p: Array, before: Array, s: Array) -> None:
+    """The state s (STATE,) of a vehicle whose tracked point is where, and as fast as, `before` (STATE,) has it."""
+    s[:] = before
+    s[SPEED] = forward_speed(p, before)
+    if p[DRIVE] > 0.0:
+        s[MOTOR] = in_force(p, s[SPEED])
+    place(p, before, s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_all(rows: Array, before: Array, state: Array) -> None:
+    """`start_from` for all rows: state (b, STATE)."""
+    for i in range(rows.shape[0]):
+        start_from(rows[i], before, state[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def drive(
     p: Array, before: Array, orders: Array, tick: int, substeps: int, dt: float, shares: Array, s: Array, history: Array
 ) -> None:  # fmt: skip
@@ -126,7 +151,7 @@ def drive(
     before (STATE,) is the start: its speed and steering are in force until the first order arrives.
     """
     period = substeps * dt
-    resting = 0.0 if p[DRIVE] > 0.0 else before[SPEED]
+    resting = in_force(p, before[SPEED])
     for j in range(substeps):
         now = tick + j / substeps
         wanted = delayed(orders, 0, tick, now - p[DRIVE_DELAY] / period, resting)
@@ -147,7 +172,7 @@ def follow_rows(
     memory = np.empty(MEMORY)
     for i in range(rows.shape[0]):
         p = rows[i]
-        s[:] = start
+        start_from(p, start, s)
         memory[:] = 0.0
         shares[0], shares[1] = share_of(p[DRIVE_LAG], dt), share_of(p[STEERING_LAG], dt)
         keep(p, s, history[0])

@@ -144,6 +144,14 @@ _IN_CURVES = (
 )  # fmt: skip
 """What curves cost it, where it is tracked, and what of the unexplained goes on."""
 
+_LOCALISED = (
+    Quantity("position_noise", "m", 0.0, 0.0, 0.0, 1.0, "linear", "localisation noise, standard deviation",
+             "closed-loop driving", free=False),
+    Quantity("heading_noise", "rad", 0.0, 0.0, 0.0, 0.5, "linear", "localisation noise of the heading",
+             "closed-loop driving", free=False),
+)  # fmt: skip
+"""What a controller that follows a path sees beside the pose; how late it sees that is in the delays that its drives show."""
+
 THROTTLE_DRIVEN = (
     *(replace(q, free=q.free or q.name in ("grip", "weight_in_front", "yaw_inertia")) for q in _ON_TYRES),
     _usual("throttle_delay", "s", 0.03, -0.1, 0.5, "linear",
@@ -157,6 +165,7 @@ THROTTLE_DRIVEN = (
     _usual("friction", "m/s^2", 1.0, 0.0, 10.0, "linear", "deceleration by dry friction", _STARTS),
     _usual("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
     *(replace(q, free=False, optional="") if q.name == "pose_left" else q for q in _IN_CURVES),
+    *_LOCALISED,
 )  # fmt: skip
 """Commands are throttle and steering as shares of the full command, -1 ... 1, left positive; wheels roll on tyres. A tracked
 point aside is not looked for: asked about it, searches on JetRacer end where left-out drives are foretold 3 % worse."""
@@ -179,6 +188,7 @@ SPEED_PURSUED = (
     *(replace(q, absent=1.0, start=1.0) if q.name in ("steering_left", "steering_right") else q for q in _ON_TYRES),
     *_PURSUIT,
     *_IN_CURVES,
+    *_LOCALISED,
 )  # fmt: skip
 """Commands are a speed in m/s, which the car's own controller pursues, and steering in rad, left positive; on tyres."""
 
@@ -200,6 +210,7 @@ TURN_PURSUED = (
     _usual("pose_ahead", "m", 0.0, -1.0, 1.0, "linear", "tracked point before the axle of the wheels", "tight curves",
            grows=1),
     *(q for q in _IN_CURVES if q.name not in ("curve_loss", "pose_at")),
+    *_LOCALISED,
     _usual("turns", "", 1.0, 0.0, 1.0, "linear", "that it is turned by two driven wheels", "nothing", free=False),
 )  # fmt: skip
 """Commands are a speed in m/s and a turn rate in rad/s, left positive, of a vehicle on two driven wheels."""

@@ -15,7 +15,7 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError, unknown_name
 from trueup.recording import is_command
 from trueup.rounding import SAME_INSTANT
-from trueup.tracking.channels import CHANNELS, PLACE
+from trueup.tracking.channels import CHANNELS, PLACE, READ
 from trueup.trial import Trial
 
 
@@ -71,6 +71,12 @@ class Reading:
         for channel in channels.values():
             channel[unusable] = np.nan  # these were never simulated
         return rollout
+
+
+def first_look(trial: Trial, rows: Array, start: Array) -> Observation:
+    """What a controller sees of b rows (b, columns) at the start (STATE,) of a trial."""
+    pose = np.tile(start[:READ], (len(rows), 1))
+    return Observation(0.0, pose[:, :3], pose[:, 3:], {}, trial)
 
 
 class Ending:

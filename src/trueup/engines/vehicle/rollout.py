@@ -15,8 +15,8 @@ from trueup.controllers.stanley.kernel import path_table
 from trueup.cores import cores, in_threads
 from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.engines.vehicle.kernels import STATE
-from trueup.engines.vehicle.loops import drive_all, follow_rows, measure_all, read_all, replay_rows
-from trueup.engines.vehicle.reading import Ending, Orders, Reading
+from trueup.engines.vehicle.loops import drive_all, follow_rows, measure_all, read_all, replay_rows, start_all
+from trueup.engines.vehicle.reading import Ending, Orders, Reading, first_look
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
@@ -264,9 +264,9 @@ class VehicleSimulator:
         start[:READ] = start_state(trial)  # straight wheels
         orders = np.empty((len(rows), ticks, 2))
         out = np.empty((len(rows), len(times), READ))
-        compiled = self._compiled and self.vehicle.drive == "speed" and not trial.ends
+        compiled = self._compiled and self.vehicle.steered_by_angle and not trial.ends
         if compiled and isinstance(controller, Stanley):
-            path = path_table(controller.path_of(_first_look(trial, rows, start)))
+            path = path_table(controller.path_of(first_look(trial, rows, start)))
             gains, settings = controller.gains, controller.settings.row
             in_threads(lambda i: follow_rows(rows[i], start, gains[i], settings, path, ticks, substeps, self.step, noise,
                                              times, out[i], orders[i]), len(rows), self._threads or cores())  # fmt: skip
@@ -281,8 +281,10 @@ class VehicleSimulator:
         ticks = orders.shape[1]
         history = np.empty((len(rows), ticks * substeps + 1, READ))
         history[:, 0] = start[:READ]
-        state, pose = np.tile(start, (len(rows), 1)), np.empty((len(rows), READ))
-        controller.reset(_first_look(trial, rows, start))
+        state, pose = np.empty((len(rows), STATE)), np.empty((len(rows), READ))
+        start_all(rows, start, state)
+        controller.reset(first_look(trial, rows, start))
+        told = np.empty_like(orders)
         for n in range(ticks):
             ending.look(n * substeps * self.step, history[:, n * substeps])
             if not ending.alive.any():
@@ -290,10 +292,6 @@ class VehicleSimulator:
             measure_all(rows, history, n * substeps, self.step, noise[n], pose)
             look = Observation(n * substeps * self.step, pose[:, :3], pose[:, 3:], {}, trial)
             orders[:, n] = controller.command(look)
-            drive_all(rows, ending.alive, start, orders, n, substeps, self.step, state, history)
+            told[:, n] = self.vehicle.unsteered(orders[:, n])
+            drive_all(rows, ending.alive, start, told, n, substeps, self.step, state, history)
         read_all(rows, history, ticks * substeps, self.step, times, noise, substeps * self.step, out)
-
-
-def _first_look(trial: Trial, rows: Array, start: Array) -> Observation:
-    pose = np.tile(start[:READ], (len(rows), 1))
-    return Observation(0.0, pose[:, :3], pose[:, 3:], {}, trial)

@@ -110,6 +110,24 @@ class Vehicle:
         return 0.0 if self.drive == TURNED else self.wheelbase
 
     @property
+    def in_metres(self) -> bool:
+        """Whether it is commanded by a speed in m/s and an angle of its front wheels in rad."""
+        return self.drive == "speed" or (self.drive == PURSUED and set(np.abs(self.full or (1.0, 1.0))) == {1.0})
+
+    @property
+    def steered_by_angle(self) -> bool:
+        """Whether such a speed and angle are those that its wheels get, as they are."""
+        return self.in_metres and self.driven != "front"
+
+    def unsteered(self, orders: Array) -> Array:
+        """(b, 2) speed and steering that its unsteered axle gets: of a speed told to the steered wheel less, by the cosine of
+        the angle.
+        """
+        if self.driven != "front":
+            return orders
+        return np.stack([orders[:, 0] * np.cos(orders[:, 1]), orders[:, 1]], axis=1)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Their names."""
         return tuple(q.name for q in self.quantities)

@@ -20,6 +20,11 @@ from trueup.tracking.commands import BEYOND
 _DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "sideways", "erpm", "yaw_rate")
 """Kinds of signals that may drive a vehicle."""
 
+_BY_OTHERS = (
+    "{}: taken for the commanded speed, since the log commands the steering alone: a person drives, as of a tractor that "
+    "steers itself, and nothing in it tells how a speed follows its command; if a column does, name it in [channels.command]"
+)
+
 
 def commanded(
     signals: Sequence[Signal],
@@ -54,18 +59,29 @@ def commanded(
         )  # fmt: skip
     aside, warned = _beyond("sideways", told["sideways"])
     behind, also = _beyond("rear_steering", _behind(kinds["steering"]) if steering else ())
-    unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
-    if unused and speed:  # Ackermann messages seldom use their acceleration
-        throttle = None
-    ahead = {"throttle": throttle} if throttle else {"speed": speed} if speed else {}
+    ahead, by_others = _ahead(throttle, speed, steering if place else None, kinds["speed"])
     if steering and ahead:
-        brake = best(kinds["brake"]) if throttle else None
+        brake = best(kinds["brake"]) if "throttle" in ahead else None
         label = "curvature" if steering.kind == "curvature" else "steering"
         more = {"brake": brake, "rear_steering": behind}
-        return {**ahead, label: steering, **{name: s for name, s in more.items() if s}}, (*said, *warned, *also)
+        others = {name: s for name, s in more.items() if s}
+        return {**ahead, label: steering, **others}, (*said, *by_others, *warned, *also)
     if not (speed and turn and (place or measured(paired))):
         return {}, ()
     return {"speed": speed, "turn": turn, **({"sideways": aside} if aside else {})}, (*said, *warned, *also)
+
+
+def _ahead(
+    throttle: Signal | None, speed: Signal | None, steering: Signal | None, speeds: Sequence[Signal]
+) -> tuple[dict[str, Signal], tuple[str, ...]]:
+    """What drives it ahead, and what to say of that: of a vehicle whose `steering` alone is commanded how fast it was."""
+    measured_speed = best(speeds)
+    unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
+    if unused and speed:  # Ackermann messages seldom use their acceleration
+        throttle = None
+    if throttle or speed or not steering or not steering.commanded or not measured_speed:
+        return {"throttle": throttle} if throttle else {"speed": speed} if speed else {}, ()
+    return {"speed": measured_speed}, (_BY_OTHERS.format(measured_speed.column.name),)
 
 
 def _beyond(label: str, told: Sequence[Signal]) -> tuple[Signal | None, tuple[str, ...]]:

@@ -58,6 +58,8 @@ RULES = (
          (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),
           Example("t_ms,speed_kmh_set,steer_norm,x_mm_cam,y_mm_cam,yaw_deg_cam", "0 1 .1 1 2 3|100 2 .2 9 3 4",
                   "command[m/s,] speed steering; position[m] x y; heading[rad] heading"),
+          Example("t,SetSteerAngle,ActualSteerAngle,Speed,x,y", "0 10 9 1 1 2|.1 20 11 2 1.1 2|.2 15 19 1 1.3 2",
+                  "command[m/s,rad] speed steering; position[m] x y; actual_steer_angle[] actual_steer_angle"),
           Example("t,v_mps_cmd,servo_ticks,x,y", "0 1 370 1 2|.1 2 390 9 3", "command[m/s,] speed steering; position[m] x y"),
           Example("t,longitudinal.velocity,lateral.steering_tire_angle,drive.speed,x,y",
                   "0 1 .1 1 0 0|.1 2 .2 1 1 0|.2 1 .1 2 2 0", "command[] speed steering; position[m] x y"),), also=("rad",)),
