@@ -294,7 +294,7 @@ def _said(lines: Mapping[str, Line], drives: Mapping[str, str], recordings: Sequ
     scale, offset = ([f(lines[drives[x]]) for x in labels] for f in (lambda z: 1.0 / z.per, lambda z: -z.zero / z.per))
     written = [", ".join(f"{v:.6g}" for v in (each[:1] if len(set(each)) == 1 else each)) for each in (scale, offset)]
     return [
-        f"commands have no unit and are no rad, but joints follow them in proportion (for each rad or m, at zero, "
-        f"correlation: {told}): {count}{doubt}. If they are anything else, say so in the mapping, in [channels."
-        f'{commands[0].name}]; this is unit = "rad", scale = [{written[0]}] and offset = [{written[1]}], for {", ".join(labels)}'
+        f"commands have no unit and are no rad; joints follow them in proportion (for each rad or m, at zero, correlation:"
+        f" {told}): {count}{doubt}. If they are anything else, say so in the mapping, in [channels.{commands[0].name}]; this "
+        f'is unit = "rad", scale = [{written[0]}] and offset = [{written[1]}], for {", ".join(labels)}'
     ]
