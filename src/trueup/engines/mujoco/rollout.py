@@ -35,6 +35,9 @@ from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
 from trueup.trial import STEP, Trial, command_of
 
+_ROWS = 4096
+"""Simulations at once, of which a robot on four legs takes 12 kB each: thousands of windows with all their starts took GB."""
+
 
 class MujocoSimulator:
     """A robot model whose parameters can be written into every simulation of a batch (see `simulator.Simulator`).
@@ -201,13 +204,16 @@ class MujocoSimulator:
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None, contacts: bool
     ) -> list[Rollout]:
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
+        done, touched, at_once = dict[int, Rollout](), False, max(1, _ROWS // len(values))
         with unclocked(), unlogged():
-            run = Run(self, [trials[k] for k in order], values, controllers, contacts)
-            touched = run.simulate()
+            for first in range(0, len(order), at_once):
+                some = order[first : first + at_once]
+                run = Run(self, [trials[k] for k in some], values, controllers, contacts)
+                touched |= run.simulate()
+                done |= zip(some, run.rollouts(), strict=True)
         if contacts and self._learning:
             self._touching = touched
-        done = run.rollouts()
-        return [done[order.index(k)] for k in range(len(trials))]
+        return [done[k] for k in range(len(trials))]
 
     @property
     def _has_floor(self) -> bool:
