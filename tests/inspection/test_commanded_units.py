@@ -97,6 +97,16 @@ def test_soft_servos_that_were_told_rad_have_no_other_unit(soft: Recording, mode
         assert np.array_equal(ready.recordings[0].channel("command").values, same.channel("command").values)
 
 
+def test_a_calibrated_file_whose_servos_have_zeros_takes_counts_as_well(soft: Recording, tmp_path: Path) -> None:
+    zeroed = '<general name="lift" joint="lift" biastype="affine" gainprm="6" biasprm="0.02 -6 -.2"/>'
+    (file := tmp_path / "fit.xml").write_text(
+        MODEL.replace('<position name="lift" joint="lift" kp="8" kv=".2"/>', zeroed)
+    )
+    counted = told_in(soft, lambda q: np.round(2048.0 + COUNTS * q))
+    told = trueup.prepare(file, [counted], propose=False).recordings[0].channel("command")
+    assert np.allclose(told.values, soft.channel("command").values, atol=1e-3)
+
+
 def test_a_joint_that_stays_counts_as_the_others(soft: Recording, model: Path) -> None:
     still = told_in(soft, lambda q: np.round(2048.0 + COUNTS * q * [1.0, 1.0, 0.0]))
     position = still.channel("position")

@@ -39,11 +39,7 @@ def _servos(model: Model) -> dict[str, str]:
         return {joint: joint for joint in model.scalar_joints()}
     names = model.names("actuator")
     for joint, i in model.actuator_of_joint().items():
-        if (
-            model.is_position_servo(i)
-            and np.isclose(abs(m.actuator_gear[i, 0]), 1.0)
-            and m.actuator_biasprm[i, 0] == 0.0
-        ):
+        if model.is_position_servo(i) and np.isclose(abs(m.actuator_gear[i, 0]), 1.0):
             found |= {joint: joint, names[i]: joint}
     return found
 
