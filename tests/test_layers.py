@@ -61,7 +61,7 @@ FAMILIES = {  # folder -> its base, the protocol that the others may know
     "search": "search.search",
     "evaluation": "evaluation.evaluator",
 }
-BASES = (*FAMILIES.values(), "engines.floating", "engines.restricted", "engines.mixed", "engines.family")
+BASES = (*FAMILIES.values(), "engines.floating", "engines.family")
 ANYTHING = ("",)
 
 

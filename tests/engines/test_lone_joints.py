@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from trueup.articulated.declarations import Declaration, declare
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.weighted import Weighted
-from trueup.engines.mixed import Mixed
 from trueup.engines.mujoco.lone.lone_joints import LoneJoints
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT, STAGES
+from trueup.loop.mixed import Mixed
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
 from trueup.testing import check_simulator

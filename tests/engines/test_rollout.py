@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
+from trueup.articulated.signals import Signals
 from trueup.controllers.playback import Playback
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import UnknownNameError
+from trueup.loop.condensing import cut
 from trueup.recording import Channel, Recording
 from trueup.studies.servo_arm.demo import model_path, motions
 from trueup.testing import check_simulator
@@ -125,3 +128,22 @@ def test_a_model_with_missing_meshes_loads_and_says_so(tmp_path: Path) -> None:
         '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
     )
     assert "1 meshes could not be found" in load(tmp_path / "m.xml").notes[0]
+
+
+def test_windows_of_a_long_recording_keep_only_the_commands_that_act_in_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, log = simulator(LINES), recording(duration=20.0)
+    values = np.tile(made.parameters.nominal, (3, 1))
+    values[:, made.parameters.names.index("delay")] = 0.0, 0.033, 0.15
+    whole = Trial.of(log)
+    windows = [replace(cut(whole, start, 0.4), name=f"{start}") for start in np.arange(0.0, whole.duration - 0.5, 0.4)]
+    told = Signals(made.model, made.quantities, windows, values)
+    kept = [len(told.held(k, "shoulder")[0]) for k in range(len(windows))]
+    assert whole.duration > 8.0
+    assert max(kept) < 50.0 * 3.0
+    near = [r.channels["position"] for r in made.rollout(windows, values)]
+    monkeypatch.setattr("trueup.engines.mujoco.rollout._ROWS", 7)
+    parts = [r.channels["position"] for r in made.rollout(windows, values)]
+    monkeypatch.setattr("trueup.articulated.signals._NEAR", 0.0)  # shorter than the delays: all are kept
+    every = [r.channels["position"] for r in made.rollout(windows, values)]
+    assert all(np.array_equal(a, b) for a, b in zip(near, parts, strict=True))
+    assert max(float(np.abs(a - b).max()) for a, b in zip(near, every, strict=True)) < 1e-9

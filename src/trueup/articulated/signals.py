@@ -16,8 +16,12 @@ from trueup.articulated.leading import paces
 from trueup.articulated.model import Model, servos
 from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
+from trueup.recording import Channel
 from trueup.samples import held_integral, in_force
 from trueup.trial import Trial
+
+_NEAR = 1.0
+"""s before and after a trial of which commands are kept with it, of longer delays all: no drive is told so much earlier."""
 
 
 class _Held(NamedTuple):
@@ -57,13 +61,13 @@ class Signals:
         """Columns of the commands that repeat another one, and which."""
         self._limits = self._profile_limits()
         self._profile: dict[int, tuple[Array, Array]] = {}
-        told: dict[
-            tuple[int, float], _Held | None
-        ] = {}  # trials that differ in their start states share their commands
+        self._told: dict[tuple[int, int], tuple[Integers, Array, Array]] = {}
+        # Trials that differ in their start states share their commands.
+        held: dict[tuple[int, float, float], _Held | None] = {}
         for t in trials:
-            if (key := (id(t.command), t.start)) not in told:
-                told[key] = self._command(t)
-        self._commands = [told[id(t.command), t.start] for t in trials]
+            if (key := (id(t.command), t.start, t.duration)) not in held:
+                held[key] = self._command(t)
+        self._commands = [held[id(t.command), t.start, t.duration] for t in trials]
         rest = at_rest(model)
         self._measured_starts = [measured_start(rest, t, self._joints) for t in trials]
 
@@ -217,17 +221,29 @@ class Signals:
     def _command(self, trial: Trial) -> _Held | None:
         if trial.command is None:
             return None
-        actuators = commanded(self._model, trial.command)
-        columns = np.array([self._columns[a] for a in actuators], dtype=np.int64)
-        times = trial.command.time - trial.start
-        told = np.nan_to_num(in_force(trial.command.values))  # of a drive that nothing is ever told: 0
-        units = [trial.command.unit_of(label) for label in trial.command.labels]
-        values = told * [control_of(self._model, a, unit) for a, unit in zip(actuators, units, strict=True)]
+        if (key := (id(trial.command), id(trial.pace))) not in self._told:
+            self._told[key] = self._controls(trial.command, trial.pace)
+        columns, values, pace = self._told[key]
+        near = self._near(trial, trial.command.time)
         # What was commanded before the first sample is not known: the first command held for ever before.
-        times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
-        values = np.concatenate([values[:1], values])
-        pace = np.zeros_like(values)
-        if self.lead.any():
-            pace[1:] = paces(trial.command, trial.pace)
-            pace[0] = pace[1]
+        before = [] if near.start else [min(trial.command.time[0] - trial.start, 0.0) - 10.0]
+        times = np.concatenate([before, trial.command.time[near] - trial.start])
+        values, pace = (np.concatenate([part[: len(before)], part[near]]) for part in (values, pace))
         return _Held(columns, times, values, held_integral(times, values), pace, held_integral(times, pace))
+
+    def _controls(self, command: Channel, pace: Channel | None) -> tuple[Integers, Array, Array]:
+        """(k,) columns of a command, its values (n, k) in the units of the drives, and its speeds (n, k)."""
+        actuators = commanded(self._model, command)
+        columns = np.array([self._columns[a] for a in actuators], dtype=np.int64)
+        told = np.nan_to_num(in_force(command.values))  # of a drive that nothing is ever told: 0
+        units = [command.unit_of(label) for label in command.labels]
+        values = told * [control_of(self._model, a, unit) for a, unit in zip(actuators, units, strict=True)]
+        return columns, values, paces(command, pace) if self.lead.any() else np.zeros_like(values)
+
+    def _near(self, trial: Trial, time: Array) -> slice:
+        """The samples of a trial's command that may act in it: windows of a long recording would keep all of it each."""
+        late = self.delay - self._changes.of("clock").get(trial.name, np.zeros(self._rows))[:, None]
+        if np.abs(late).max(initial=0.0) > _NEAR:
+            return slice(0, len(time))
+        first = int(np.searchsorted(time, trial.start - _NEAR, side="right")) - 1
+        return slice(max(first, 0), int(np.searchsorted(time, trial.start + trial.duration + _NEAR, side="right")))

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trueup.engines.family import family_of
-from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError
+from trueup.loop.restricted import Restricted
 from trueup.recording import Recording
 
 if TYPE_CHECKING:

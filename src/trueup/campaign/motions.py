@@ -126,7 +126,7 @@ def _model(simulator: Simulator) -> tuple[Model, bool]:
     from trueup.articulated.simulator import ArticulatedSimulator
     from trueup.engines.dart.model import DartModel
     from trueup.engines.mujoco.rollout import MujocoSimulator
-    from trueup.engines.restricted import Restricted
+    from trueup.loop.restricted import Restricted
 
     whole = simulator.whole if isinstance(simulator, Restricted) else simulator
     if isinstance(whole, ArticulatedSimulator) and isinstance(whole.engine, DartModel):

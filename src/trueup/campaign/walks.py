@@ -182,7 +182,7 @@ def walking(
 def model_of(simulator: Simulator) -> Model:
     """The MuJoCo model behind a simulator. Raises ModelError where there is none."""
     from trueup.engines.mujoco.rollout import MujocoSimulator
-    from trueup.engines.restricted import Restricted
+    from trueup.loop.restricted import Restricted
 
     whole = simulator.whole if isinstance(simulator, Restricted) else simulator
     if not isinstance(whole, MujocoSimulator):

@@ -15,7 +15,7 @@ from trueup.trial import command_of
 
 CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
-_TOLERANCE = 0.12
+TOLERANCE = 0.12
 """Relative, of a factor: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
 
 
@@ -54,7 +54,7 @@ def nearest(value: float, known: Mapping[str, float]) -> str:
     """The name of the factor that a measured one is, within its tolerance; '' for none of them."""
     near = {name: abs(math.log(value / size)) for name, size in known.items() if value * size > 0.0}
     best = min(near, key=lambda name: near[name], default="")
-    return best if best and near[best] < _TOLERANCE else ""
+    return best if best and near[best] < TOLERANCE else ""
 
 
 def follows_by_speed(label: str, recordings: Sequence[Recording]) -> bool:

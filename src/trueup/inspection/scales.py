@@ -27,7 +27,7 @@ _STILL = 0.1
 """Numbers that a joint spans which stands still, in either unit."""
 _ENCODERS = 8.0
 """Times that steps of a robot's encoders differ, at most: 4096 and 512 counts of a turn; degrees and rad do by 57."""
-_BESIDE = 0.1
+BESIDE = 0.1
 """Of its range (or of shares of it) that a slide may be measured beyond its ends."""
 _FARTHER = 4.0
 """Times as far as it was told that no joint goes which follows its commands in their unit; in degrees it is 57."""
@@ -160,7 +160,7 @@ def _beyond(way: Way, metres: Array) -> bool:
 def _inside(way: Way, numbers: Array) -> bool:
     """Whether a slide stays in its range, the numbers taken as mm."""
     (low, high), metres = way.ends, numbers * to_si("mm")[1]
-    beside = _BESIDE * (high - low)
+    beside = BESIDE * (high - low)
     return bool(metres.min() >= low - beside and metres.max() <= high + beside)
 
 
@@ -244,7 +244,7 @@ def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
     for whole in (1.0, 100.0):
         if whole == 100.0 and _inside(way, values) and way.ends[1] - way.ends[0] < whole * to_si("mm")[1]:
             return 0.0  # either fits; as mm it goes through more of its way, and people open and close grippers
-        beside = _BESIDE * whole
+        beside = BESIDE * whole
         if largest <= whole + beside and values.min() >= -beside and (whole == 1.0 or largest > 2.0):
             return whole
     return 0.0

@@ -21,7 +21,7 @@ SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""
 FAR = 0.2
 """rad or m: as far as the zero of a servo is searched."""
-_AS_FAR = 2.0
+AS_FAR = 2.0
 """Times as far, or as little, as it was told that no joint goes which follows its commands in their unit."""
 _ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
 
@@ -55,7 +55,7 @@ def _in_proportion(recordings: Sequence[Recording]) -> str:
             slopes[joint], pose = np.polyfit(told[good], position[good], 1)
             poses[joint] = f"{pose:.3g}"
     times = float(np.median([*slopes.values()])) if slopes else 1.0
-    if 1.0 / _AS_FAR <= times <= _AS_FAR:
+    if 1.0 / AS_FAR <= times <= AS_FAR:
         return ""
     return (
         f"joints go {times:.3g} times as far as their commands, so these are no positions. Of the actions of a policy say in "

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array, Mask
-from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
 from trueup.inspection.outstanding import NAME
 from trueup.loop.alike import all_alike
@@ -18,6 +17,7 @@ from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
+from trueup.loop.mixed import Mixed
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.profiles import off_bounds, profiles
 from trueup.loop.shooting import multiple_shooting

@@ -81,9 +81,9 @@ def _words(problem: Problem, reason: str, shown: str) -> list[str]:
     doubt = ""
     if longest < SHORTEST and by_torque(problem) and carried(problem):
         doubt = (
-            ". So short replays of torques hardly tell what the robot is made of, whatever is said of each value (by "
-            f"{SHORTEST:g} s a start has shown its effect): log the positions and gains that its controller was told, or "
-            "hang it up and move its legs"
+            ". So short replays of torques tell less of a robot than others (by "
+            f"{SHORTEST:g} s a start has shown its effect), and forces only beside masses that are known: log the positions "
+            "and gains that its controller was told, or hang it up and move its legs"
         )
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "

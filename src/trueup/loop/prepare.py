@@ -17,7 +17,6 @@ from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted
 from trueup.ends import End
 from trueup.engines.family import Family, Note, Request, family_of
-from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Respaced, Simulator
 from trueup.errors import CalibrationError, ModelError, SimulationFailedError, unknown_name
 from trueup.inspection.alignment import clock_errors
@@ -33,6 +32,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.pushed import pushed
 from trueup.loop.recalibrate import recalibrate
 from trueup.loop.replay import replays
+from trueup.loop.restricted import Restricted
 from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.parameters import ParameterSpace

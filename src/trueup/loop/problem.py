@@ -12,10 +12,10 @@ from trueup.arrays import Array
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, compared
 from trueup.ends import End
-from trueup.engines.mixed import Mixed
 from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator, broken
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.loop.condensing import Eliminated, cut, thinned
+from trueup.loop.mixed import Mixed
 from trueup.loop.segment import Segment
 from trueup.loop.visited import Visited
 from trueup.recording import Recording

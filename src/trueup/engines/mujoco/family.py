@@ -23,6 +23,7 @@ from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.base import check_base, floating, free_joint, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.setup.commanded_units import with_commands_told
 from trueup.engines.mujoco.setup.drives import (
     by_the_only_joint,
     check_joints,
@@ -76,7 +77,7 @@ _CHANGES = (
     ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
-    "tendons", "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "heights",
+    "tendons", "names", "strangers", "spikes", "commands", "torques", "sensors", "turns", "gains", "feedforward", "heights",
     "feet", "pauses", "released", "lifts", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
     "disturbed",
 )  # fmt: skip
@@ -129,8 +130,7 @@ class Articulated(Family):
         self, model: Model, training: Sequence[Recording], held_out: Sequence[Recording] = (), refuse: Collection[str] = ()
     ) -> Suited:  # fmt: skip
         """See Family: joints by the model's names, commands that its drives take."""
-        drives = model.counted()
-        others = self.others(model)
+        drives, others = model.counted(), self.others(model)
         known = {*drives, *drives.values(), *others}
         as_named = (
             ("names", lambda r: with_states_parted(model, r)), ("names", lambda r: gathered(r, known)),
@@ -141,6 +141,7 @@ class Articulated(Family):
         named, renamed = all_edited([*training, *held_out], as_named, refuse)
         taken, changed = suited(model, named)
         as_the_model_takes_them = (
+            ("commands", lambda rs: with_commands_told(model, rs, refuse)),
             ("torques", lambda rs: torques_as_commands(model, rs)), ("torques", lambda rs: with_efforts(model, rs)),
             ("sensors", lambda rs: with_sensors(model.sensors(), rs)),
             ("turns", lambda rs: without_wraps(ways(model), drives, rs)), ("heights", lambda rs: on_the_floor(model, rs)),
@@ -281,8 +282,7 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
     height = found["floor"].numbers["height"] if "floor" in found and not found["floor"].refused else None
     ranges = {joint: way.range or (-np.inf, np.inf) for joint, way in ways(model).items()}
     # Nor are they hard stops: legs of a robot that stands are stopped by what it weighs, and by one another.
-    stands = free_joint(model.compiled) >= 0
-    if not stands and "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
+    if free_joint(model.compiled) < 0 and "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
         found["stops"] = stops.unless(refuse)
     stopped = {} if "stops" not in found or found["stops"].refused else found["stops"].numbers
     clocks = {} if "clock" in refuse else request.clocks

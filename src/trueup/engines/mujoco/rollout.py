@@ -37,6 +37,9 @@ from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
 from trueup.trial import STEP, Trial, command_of
 
+_ROWS = 4096
+"""Simulations at once, of which a robot on four legs takes 12 kB each: thousands of windows with all their starts took GB."""
+
 
 class MujocoSimulator:
     """A robot model whose parameters can be written into every simulation of a batch (see `simulator.Simulator`).
@@ -203,25 +206,29 @@ class MujocoSimulator:
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None, contacts: bool
     ) -> list[Rollout]:
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
-        controlled = [bool(trials[k].controller or controllers) for k in order]
-        parts = halves(controlled) if self._pays(values, contacts, len(trials)) else [range(len(trials))]
+        at_once = max(1, _ROWS // len(values))
         with unclocked(), unlogged():
             runs = [
-                Run(self, [trials[order[i]] for i in part], values, controllers, contacts, place)
-                for place, part in enumerate(parts)
+                self._at_once([trials[k] for k in order[first : first + at_once]], values, controllers, contacts)
+                for first in range(0, len(order), at_once)
             ]
-            in_turns([run.simulate() for run in runs])
         if contacts and self._learning:
-            self._touching = any(run.touched for run in runs)
-        done = dict(zip(chain(*parts), chain(*(run.rollouts() for run in runs)), strict=True))
-        return [done[order.index(k)] for k in range(len(trials))]
+            self._touching = any(touched for _, touched in runs)
+        done = dict(zip(order, chain(*(rollouts for rollouts, _ in runs)), strict=True))
+        return [done[k] for k in range(len(trials))]
 
-    def _pays(self, values: Array, contacts: bool, trials: int) -> bool:
-        """Whether the engine should step some trials while controllers act in others."""
-        own = values[:, : len(self.quantities)]
-        return not acts_in_each_step(self.quantities, own) and self.batches.overlaps(
-            len(values) * trials // 2, contacts
-        )
+    def _at_once(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None, contacts: bool
+    ) -> tuple[list[Rollout], bool]:
+        """Their rollouts, and whether anything touched; the engine steps some of them while controllers act in others."""
+        parts: list[list[int]] = [list(range(len(trials)))]
+        stepwise = acts_in_each_step(self.quantities, values[:, : len(self.quantities)])
+        if not stepwise and self.batches.overlaps(len(values) * len(trials) // 2, contacts):
+            parts = halves([bool(trial.controller or controllers) for trial in trials])
+        runs = [Run(self, [trials[k] for k in part], values, controllers, contacts, i) for i, part in enumerate(parts)]
+        in_turns([run.simulate() for run in runs])
+        done = dict(zip(chain(*parts), chain(*(run.rollouts() for run in runs)), strict=True))
+        return [done[k] for k in range(len(trials))], any(run.touched for run in runs)
 
     @property
     def _has_floor(self) -> bool:
