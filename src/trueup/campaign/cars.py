@@ -13,7 +13,6 @@ import numpy as np
 from trueup.engines.family import family_of
 from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError
-from trueup.loop.restricted import Restricted
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ def follower(simulator: Simulator) -> Vehicle:
     from trueup.engines.vehicle import VehicleSimulator
     from trueup.engines.vehicle.vehicle import PURSUED
 
-    whole = simulator.whole if isinstance(simulator, Restricted) else simulator
+    whole = _whole(simulator)
     if not isinstance(whole, VehicleSimulator):
         raise PlanError(f"the task 'follow-path' needs the simulator 'vehicle' or 'bicycle', not '{simulator.name}'")
     car = whole.vehicle
@@ -88,8 +87,15 @@ def is_of_a_file(simulator: Simulator) -> bool:
     """Whether a simulator is a vehicle's that pursues what it is told, as files describe them."""
     from trueup.engines.vehicle import VehicleSimulator
 
-    whole = simulator.whole if isinstance(simulator, Restricted) else simulator
+    whole = _whole(simulator)
     return isinstance(whole, VehicleSimulator) and whole.vehicle.drive != "speed"
+
+
+def _whole(simulator: Simulator) -> Simulator:
+    """It with all its parameters."""
+    from trueup.loop.restricted import Restricted
+
+    return simulator.whole if isinstance(simulator, Restricted) else simulator
 
 
 def _with_units(simulator: Simulator, recordings: Sequence[Recording]) -> list[Recording]:
