@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.cores import Work, halves, in_threads, in_turns, worth
+from trueup.cores import Work, in_threads, in_turns, shares, worth
 from trueup.engines.mujoco.batches import Batches
 
 
@@ -61,16 +61,16 @@ def test_a_small_batch_that_is_stepped_one_by_one_waits_for_no_other_thread() ->
 
 
 def test_a_run_goes_on_while_the_work_of_another_is_done() -> None:
-    waits, order = [threading.Event(), threading.Event()], list[str]()
+    went_on, order = threading.Event(), list[str]()
 
-    def run(name: str, own: int) -> Iterator[Work]:
+    def run(name: str, first: bool) -> Iterator[Work]:
         for k in range(2):
             order.append(f"{name}{k}")
-            if own and not k:  # while the first one's work waits for it
-                waits[0].set()
-            yield (lambda: None) if own or k else lambda: order.append(str(waits[0].wait(60.0)))
+            if not first:  # while the first one's work waits for it
+                went_on.set()
+            yield (lambda: order.append(str(went_on.wait(60.0)))) if first and not k else lambda: None
 
-    in_turns([run("a", 0), run("b", 1)])
+    in_turns([run("a", True), run("b", False)], 1)
     assert order[:2] == ["a0", "b0"]
     assert sorted(order) == ["True", "a0", "a1", "b0", "b1"]
 
@@ -82,10 +82,12 @@ def test_work_that_breaks_off_says_so_to_who_asked() -> None:
 
     for runs in ([True], [False, True]):
         with pytest.raises(IndexError):
-            in_turns([run(fails) for fails in runs])
+            in_turns([run(fails) for fails in runs], 2)
 
 
-def test_trials_with_controllers_are_parted_into_halves_in_their_order() -> None:
-    assert halves([False, False, True]) == [[0, 1, 2]]
-    assert halves([True] * 5) == [[0, 2, 4], [1, 3]]
-    assert halves([True, False, True, False]) == [[0, 1, 3], [2]]
+def test_trials_with_controllers_are_parted_in_their_order() -> None:
+    assert shares([False, False, True], 4) == [[0, 1, 2]]
+    assert shares([False, False], 4) == [[0, 1]]
+    assert shares([True] * 7, 4) == [[0, 4], [1, 5], [2, 6], [3]]
+    assert shares([True, False, True, False], 2) == [[0, 1, 3], [2]]
+    assert shares([True] * 3, 1) == [[0, 1, 2]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from itertools import pairwise
 
 THREADS = "TRUEUP_THREADS"
@@ -55,33 +54,33 @@ def in_threads(work: Callable[[slice], None], count: int, threads: int, *, timed
         list(pool.map(work, [slice(a, b) for a, b in pairwise(edges)]))
 
 
-def halves(controlled: Sequence[bool]) -> list[list[int]]:
-    """Numbers of the trials in two runs, each with half of those that have a controller; in one where fewer than two have.
-
-    Trials keep their order within a run.
+def shares(controlled: Sequence[bool], count: int) -> list[list[int]]:
+    """Numbers of the trials in at most `count` runs, each with as many of those that have a controller, or one more; the
+    first has the others. Trials keep their order within a run.
     """
     places = [k for k, own in enumerate(controlled) if own]
-    if len(places) < 2:
-        return [list(range(len(controlled)))]
-    second = set(places[1::2])
-    return [[k for k in range(len(controlled)) if k not in second], sorted(second)]
+    parts = [places[k::count] for k in range(min(count, len(places)))] or [[]]
+    return [sorted({*parts[0], *range(len(controlled))} - {*places} | {*parts[0]}), *parts[1:]]
 
 
-def in_turns(runs: Sequence[Iterator[Work]]) -> None:
+def in_turns(runs: Sequence[Iterator[Work]], threads: int) -> None:
     """Brings runs to their ends: each gives native work that is to be done before it goes on, and others go on meanwhile.
 
     All Python is done by the calling thread: where controllers act in every hundredth of a second, an engine's threads would
-    stand still a quarter of the time.
+    stand still a quarter of the time. `threads` do the work, in the order in which it comes.
     """
     if len(runs) == 1:
         for work in runs[0]:
             work()
         return
-    with ThreadPoolExecutor(1, "engine") as engine:
-        under_way: deque[tuple[Iterator[Work], Future[None] | None]] = deque((run, None) for run in runs)
-        while under_way:
-            run, working = under_way.popleft()
-            if working is not None:
-                working.result()
-            if (work := next(run, None)) is not None:
-                under_way.append((run, engine.submit(work)))
+    with ThreadPoolExecutor(min(threads, len(runs)), "engine") as engine:
+        going: dict[Future[None], Iterator[Work]] = {}
+        waiting: list[Iterator[Work]] = list(runs)
+        while waiting or going:
+            for run in waiting:
+                if (work := next(run, None)) is not None:
+                    going[engine.submit(work)] = run
+            done, _ = wait(going, return_when=FIRST_COMPLETED) if going else (set[Future[None]](), None)
+            waiting = [going.pop(each) for each in done]
+            for each in done:
+                each.result()

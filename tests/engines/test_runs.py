@@ -141,7 +141,7 @@ def test_trials_stepped_while_others_are_controlled_end_as_they_do_alone(
     simulator, made, begun = cart(tmp_path), list[Spring](), list[int]()
     moves = [riding(f"{k}", 0.4 + 0.1 * k, 0.5 + k, sensing=(Sensing("position", latency=0.015),)) for k in range(5)]
     trials = [replace(t, controller=lambda values: made.append(Spring(values)) or made[-1]) for t in moves]
-    monkeypatch.setattr(Batches, "overlaps", lambda *_: begun.append(1) or True)
+    monkeypatch.setattr(Batches, "side_by_side", lambda *_: begun.append(1) or 3)
     together = simulator.rollout(trials, no_damping(4))
     assert begun
     assert len(made) == 5

@@ -63,14 +63,15 @@ class CommandNoises:
 
     def __init__(self, model: Model, trial: Trial, rows: int) -> None:
         self._all: list[
-            tuple[float, Integers, Array]
+            tuple[float, Integers | slice, Array]
         ] = []  # each with its ticks' length, columns and values (b, ticks, k)
         for i, noise in enumerate(trial.disturbances):
             if isinstance(noise, CommandNoise):
                 columns = np.array([_column(model, x) for x in noise.labels] or range(model.width), dtype=np.int64)
                 ticks = int(np.ceil(trial.duration / noise.every)) + 1
                 drawn = trial.settled().streams(f"{trial.name}/{i}", rows).normal(ticks, len(columns))
-                self._all.append((noise.every, columns, noise.deviation * drawn))
+                every = np.array_equal(columns, np.arange(model.width))
+                self._all.append((noise.every, slice(None) if every else columns, noise.deviation * drawn))
 
     def add(self, at: int, step: float, commands: Array) -> Array:
         """Commands (b, n, width) from step `at` on as they arrive; they are changed in place."""

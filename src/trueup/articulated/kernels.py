@@ -56,6 +56,19 @@ def own_delayed_commands(
 
 
 @njit(cache=True, nogil=True)
+def late_columns(past: Array, whole: Integers, rest: Array, columns: Integers, out: Array) -> None:
+    """Fills some columns of `out` (b, size) with what they were whole (b,) steps and the rest (b,) of one ago.
+
+    past (b, m, size), the latest last; what is longer ago counts as the oldest.
+    """
+    last = past.shape[1] - 1
+    for i in range(len(out)):
+        later, earlier = last - whole[i], max(last - whole[i] - 1, 0)
+        for c in columns:
+            out[i, c] = past[i, later, c] + rest[i] * (past[i, earlier, c] - past[i, later, c])
+
+
+@njit(cache=True, nogil=True)
 def set_point(command: float, place: float, pace: float, top: float, most: float, step: float) -> tuple[float, float]:
     """Place and pace one step on of a set point that follows a command within a limit of speed, and `most` change of it."""
     left = command - place

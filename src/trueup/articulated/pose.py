@@ -49,6 +49,13 @@ def angles_of(quaternion: Array) -> Array:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
+def yaw_of(quaternion: Array) -> Array:
+    """(...) yaw alone in rad, as `angles_of` has it."""
+    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    w, x, y, z = (unit[..., k] for k in range(4))
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 def quaternions_of_vectors(vectors: Array) -> Array:
     """(b, 4) w, x, y, z of rotation vectors (b, 3) in rad."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.articulated.kernels import late_columns
 from trueup.articulated.pose import ORIENTATION, POSITION, angles_of, product, quaternion_of
 from trueup.articulated.signals import Signals
 from trueup.chance import Sensing, StartScatter, Streams
@@ -100,7 +101,7 @@ class Senses:
         seen = np.array(self._past[field][:, -1] if field in self._wholly_late else now())
         for number, sense in mine:
             if number in self._ago:
-                seen[:, sense.columns] = self._before(field, *self._ago[number])[:, sense.columns]
+                late_columns(self._past[field], *self._ago[number], sense.columns, seen)
         for number, sense in mine:
             if sense.streams is not None:
                 width = 3 if sense.turn is not None else len(sense.noisy)
@@ -109,13 +110,6 @@ class Senses:
             if sense.bias is not None:
                 _add(seen, sense, sense.bias)
         return seen
-
-    def _before(self, field: str, whole: Integers, rest: Array) -> Array:
-        """(b, size) a field as it was so many steps ago, whole ones (b,) and the rest (b, 1) of one."""
-        past = self._past[field]
-        rows = np.arange(len(past))
-        later, earlier = past[rows, -1 - whole], past[rows, np.maximum(-2 - whole, -past.shape[1])]
-        return later + rest * (earlier - later)
 
     def _next(self, number: int, streams: Streams, width: int) -> Array:
         """(b, width) standard normal numbers for the next look."""
@@ -211,10 +205,10 @@ def turned_angles(angles: Array, by: Array) -> Array:
 
 
 def _ago(sense: Sense) -> tuple[Integers, Array]:
-    """(b,) whole steps ago that are seen, and (b, 1) the rest of one; what is derived from the state was noted one late."""
+    """(b,) whole steps ago that are seen, and (b,) the rest of one; what is derived from the state was noted one late."""
     ago = np.maximum(sense.latency - float(sense.derived), 0.0)
     whole: Integers = np.floor(ago).astype(np.int64)
-    return whole, (ago % 1.0)[:, None]
+    return whole, ago % 1.0
 
 
 def _add(seen: Array, sense: Sense, error: Array) -> None:

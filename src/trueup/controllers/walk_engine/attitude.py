@@ -51,7 +51,7 @@ class Complementary:
         mounted: tuple[Array, Array] = (np.eye(3), np.eye(3)),
     ) -> None:  # fmt: skip
         self._gyro, self._accelerometer, self._memory, self._smooth = gyro, accelerometer, memory, smooth
-        self._mounted = mounted
+        self._mounted = [None if np.array_equal(frame, np.eye(3)) else frame for frame in mounted]
         self._angles = self._rates = np.zeros((0, 2))
         self._seen = np.zeros(0)  # of each body, how often its accelerometer has shown where down is
 
@@ -66,8 +66,9 @@ class Complementary:
     def update(self, observation: Observation, period: float) -> Lean:
         """See Attitude."""
         gyro, accelerometer = self._mounted
-        rates = (observation.sensors[self._gyro] @ gyro.T)[:, :2]
-        ax, ay, az = accelerometer @ observation.sensors[self._accelerometer].T
+        turning, felt_by_it = observation.sensors[self._gyro], observation.sensors[self._accelerometer]
+        rates = (turning if gyro is None else turning @ gyro.T)[:, :2]
+        ax, ay, az = felt_by_it.T if accelerometer is None else accelerometer @ felt_by_it.T
         felt = ax * ax + ay * ay + az * az > _FREE_FALL**2
         shown = np.where(felt[:, None], np.stack([np.arctan2(ay, az), np.arctan2(-ax, np.hypot(ay, az))], axis=1), 0.0)
         self._rates = self._rates + period / (self._smooth + period) * (rates - self._rates)

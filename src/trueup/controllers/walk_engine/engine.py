@@ -48,6 +48,8 @@ PARAMETERS = ParameterSpace(
 )
 """The paper's parameters (its table 1), with values that walk a NAO at about 12 cm/s with steps of 67 %."""
 
+_LEANING, _AGAINST = [1, 2, 3, 5], ("gyro_hipRoll", "gyro_hipPitch", "gyro_kneePitch", "gyro_ankleRoll")
+"""Joints that lean against what gyros feel, and the parameters by which they do."""
 _OF = 0.2029
 """m from hip to ankle of the NAO whose values they are."""
 
@@ -112,6 +114,8 @@ class WalkEngine:
         self._biped, self._gait = biped, gait or Gait()
         self._requests, self._attitude = requests or OfTrial(), attitude or Complementary()
         self._p = dict(zip(PARAMETERS.names, given.T[:, :, None], strict=True))  # name to (b, 1)
+        gains = np.concatenate([self._p[gain] for gain in _AGAINST], axis=1)
+        self._against = biped.legs.signs[:, _LEANING] * gains[:, None]  # (b, 2, 4)
         self._asked = np.zeros((len(given), 3))
         self._from = np.zeros((len(given), 2, 6))
 
@@ -168,11 +172,8 @@ class WalkEngine:
 
     def _lean_against(self, angles: Array, lean: Lean, share: float) -> None:
         """Adds to hip, knee and ankle what the body's lean asks for."""
-        p, ahead, signs = self._p, self._gait.rate, self._biped.legs.signs
+        p, ahead = self._p, self._gait.rate
         roll = share * p["scale_roll"] * (lean.roll + ahead * lean.roll_rate)[:, None]
         pitch = share * p["scale_pitch"] * ((lean.pitch + ahead * lean.pitch_rate)[:, None] - p["offset_pitch"])
-        for joint, gain, by in (
-            (1, "gyro_hipRoll", roll), (2, "gyro_hipPitch", pitch), (3, "gyro_kneePitch", pitch),
-            (5, "gyro_ankleRoll", roll),
-        ):  # fmt: skip
-            angles[:, :, joint] += signs[:, joint] * p[gain] * by
+        by = np.concatenate([roll, pitch, pitch, roll], axis=1)
+        angles[:, :, _LEANING] += self._against * by[:, None]

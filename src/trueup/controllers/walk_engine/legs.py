@@ -113,7 +113,7 @@ class Legs:
     def yawing(self, wanted: Array) -> Array:
         """(b, 2) angles of the first joints that yaw the legs by `wanted` (b, 2) rad, or nearly so where they are shared."""
         turned = wanted * self.signs[:, 0] / self.yaw[:, 2]
-        return np.repeat(turned.mean(axis=1, keepdims=True), 2, axis=1) if self.shared else turned
+        return np.repeat(0.5 * (turned[:, :1] + turned[:, 1:]), 2, axis=1) if self.shared else turned
 
     def angles(
         self, yaw: Array, roll: Array, pitch: Array, length: Array, foot_roll: Array, foot_pitch: Array
@@ -193,6 +193,13 @@ class Biped:
     def commands(self, angles: Array) -> Array:
         """(b, nu) of angles (b, 2, 6), within the joints' ranges."""
         out = np.repeat(self.rest[None], len(angles), axis=0)
-        moved = self.columns >= 0
-        out[:, self.columns[moved]] = np.clip(angles, self.legs.lower, self.legs.upper)[:, moved]
+        columns, moved = self._moved
+        within = np.minimum(np.maximum(angles, self.legs.lower), self.legs.upper)
+        out[:, columns] = within.reshape(len(angles), -1)[:, moved]
         return out
+
+    @cached_property
+    def _moved(self) -> tuple[Integers, Integers]:
+        """Columns of commands, and places of the angles (12) that they take."""
+        places = np.flatnonzero(self.columns >= 0)
+        return self.columns.reshape(-1)[places], places

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.pose import angles_of
+from trueup.articulated.pose import yaw_of
 from trueup.controllers.controller import Observation
 from trueup.errors import TrialError
 from trueup.rounding import SAME_INSTANT
@@ -72,7 +72,7 @@ class OfTrial:
         x, y = position[:, self.base : self.base + 2].T
         if np.isnan(target[:2]).any():
             return np.zeros((len(x), 3))
-        yaw = angles_of(position[:, self.base + 3 : self.base + 7])[:, 2]
+        yaw = yaw_of(position[:, self.base + 3 : self.base + 7])
         dx, dy = target[0] - x, target[1] - y
         aside = wrapped(np.arctan2(dy, dx) - yaw)
         share = target[2] * np.minimum(np.hypot(dx, dy) / self.near, 1.0)

@@ -39,24 +39,36 @@ class Batches:
         whole.opt.timestep = bare.opt.timestep = step
         return Batches(whole, bare, self._threads)
 
-    def get(self, rows: int, *, contacts: bool, sensors: bool, stepwise: bool = False, place: int = 0) -> Batch:
+    def get(
+        self, rows: int, *, contacts: bool, sensors: bool, stepwise: bool = False, place: tuple[int, int] = (0, 1)
+    ) -> Batch:
         """A batch of that many simulations, in whatever state it was left. `stepwise`: it is stepped one step at a time, so
-        that it has no more threads than pay for a step. Batches that are stepped at once have each its own `place`.
+        that it has no more threads than pay for a step. Batches that are stepped at once have each its own `place`, the
+        first of how many, and share the threads.
         """
-        kept = 4
-        threads = min(self._threads or cores(), rows)
+        kept, (number, count) = 3, place
+        threads = min(-(-self.threads // count), rows)
         if stepwise and threads > 1:
             threads = worth(rows * self._cost(contacts, sensors), _HANDOVER, threads)
-        key = (place, rows, contacts, sensors, threads)
+        key = (number, rows, contacts, sensors, threads)
         if key not in self._kept:
-            if len(self._kept) >= kept:
-                self._kept.pop(next(iter(self._kept)))
+            if len(alike := [k for k in self._kept if k[0] == number]) >= kept:
+                self._kept.pop(alike[0])
             self._kept[key] = Batch(self._model(contacts, sensors), rows, threads)
         return self._kept[key]
 
-    def overlaps(self, rows: int, contacts: bool) -> bool:
-        """Whether a step of so many simulations, with sensors, pays for being done beside Python, which takes two cores."""
-        return (self._threads or cores()) > 1 and worth(rows * self._cost(contacts, True), _HANDOVER, 2) > 1
+    @property
+    def threads(self) -> int:
+        """That step simulations, in all."""
+        return self._threads or cores()
+
+    def side_by_side(self, rows: int, contacts: bool) -> int:
+        """In how many runs trials of so many simulations, with sensors, are best stepped where controllers act in between:
+        as many as there are threads, one in which controllers act and one that waits; one where a step does not pay for
+        being handed over, or on one core.
+        """
+        pays = self.threads > 1 and worth(rows * self._cost(contacts, True), _HANDOVER, 2) > 1
+        return self.threads + 2 if pays else 1
 
     def _cost(self, contacts: bool, sensors: bool) -> float:
         """Seconds that one simulation takes for a step, measured once."""

@@ -19,7 +19,7 @@ from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import joints_commanded
 from trueup.controllers.controller import ControllerFactory, as_declared
-from trueup.cores import halves, in_turns
+from trueup.cores import in_turns, shares
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
@@ -221,12 +221,14 @@ class MujocoSimulator:
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None, contacts: bool
     ) -> tuple[list[Rollout], bool]:
         """Their rollouts, and whether anything touched; the engine steps some of them while controllers act in others."""
-        parts: list[list[int]] = [list(range(len(trials)))]
         stepwise = acts_in_each_step(self.quantities, values[:, : len(self.quantities)])
-        if not stepwise and self.batches.overlaps(len(values) * len(trials) // 2, contacts):
-            parts = halves([bool(trial.controller or controllers) for trial in trials])
-        runs = [Run(self, [trials[k] for k in part], values, controllers, contacts, i) for i, part in enumerate(parts)]
-        in_turns([run.simulate() for run in runs])
+        count = 1 if stepwise else self.batches.side_by_side(len(values), contacts)
+        parts = shares([bool(trial.controller or controllers) for trial in trials], count)
+        runs = [
+            Run(self, [trials[k] for k in part], values, controllers, contacts, (i, len(parts)))
+            for i, part in enumerate(parts)
+        ]
+        in_turns([run.simulate() for run in runs], self.batches.threads)
         done = dict(zip(chain(*parts), chain(*(run.rollouts() for run in runs)), strict=True))
         return [done[k] for k in range(len(trials))], any(run.touched for run in runs)
 

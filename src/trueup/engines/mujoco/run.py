@@ -66,9 +66,9 @@ class Run:
 
     def __init__(
         self, simulator: Parametrised, trials: Sequence[Trial], values: Array,
-        controllers: ControllerFactory | None, contacts: bool, place: int = 0,
+        controllers: ControllerFactory | None, contacts: bool, place: tuple[int, int] = (0, 1),
     ) -> None:  # fmt: skip
-        """`place`: which of the runs it is that are under way at once."""
+        """`place`: which of how many runs it is that are under way at once."""
         self.simulator, self.trials, self.candidates = simulator, trials, len(values)
         count = len(simulator.quantities)
         self.settings = values[:, count:] if values.shape[1] > count else None

@@ -82,10 +82,12 @@ class Stepper:
         shapes = {f: ((1,) if f == "time" else b.shape[1:], b.dtype) for f, b in bound.items()}
         out = {f: _blank((len(rows), count, *shape), kind) for f, (shape, kind) in shapes.items()}
         planned = {k: self._planned(k, at, count) for k in self._open(rows)}
+        mine = {k: self._own(k, rows) for k in self._loops}
+        parts = dict[int, dict[str, Array]]()  # to record into, by length
         done = 0
         while done < count:
             now = at + done
-            self._act_at(now, rows)
+            self._act_at(now, mine)
             for loop in self._loops.values():
                 loop.foretell(at + count)
             n = min(
@@ -94,7 +96,9 @@ class Stepper:
             given = {k: commands[:, done : done + n] for k, commands in planned.items()}
             commands = self._commands(now, n, rows, given)
             whole = n == count
-            part = out if whole else {f: _blank((len(rows), n, *shape), kind) for f, (shape, kind) in shapes.items()}
+            if not whole and n not in parts:
+                parts[n] = {f: _blank((len(rows), n, *shape), kind) for f, (shape, kind) in shapes.items()}
+            part = out if whole else parts[n]
             yield partial(self._stretch, commands, n, rows, part)
             if not whole:
                 for field, values in part.items():
@@ -103,10 +107,10 @@ class Stepper:
             done += n
         return out
 
-    def _act_at(self, now: int, rows: Integers) -> None:
+    def _act_at(self, now: int, mine: Mapping[int, Integers]) -> None:
         self._acts.push(now)
         for k, loop in self._loops.items():
-            own = self._own(k, rows)
+            own = mine[k]
             if len(own) and loop.due <= now:
                 loop.ask(self._acts.seen(k, now * self._step, own, loop.looks_at))
                 if loop.push is not None:
