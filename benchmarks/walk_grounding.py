@@ -211,96 +211,111 @@ def _root(wrong: Array) -> float:
     return float(np.sqrt(np.nanmean(wrong**2)))
 
 
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A way on one robot's held-out walks: (n,) m/s in its simulator and on the robot; logarithms of both errors' ratios to
+    the ungrounded ones.
+    """
+
+    simulated: Array
+    real: Array
+    joints: Evidence
+    torso: Evidence
+
+
 def main() -> None:
-    """Prints a row for each way of bringing the simulator nearer to the robot, and their RESULT lines."""
+    """Prints a row for each way of bringing the simulator nearer to the robot, and RESULT lines over all robots."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--quick", action="store_true", help="6 walks of 5 s to learn from, 24 held out, no inverse models, lines alone"
+        "--quick",
+        action="store_true",
+        help="two robots, 6 walks of 5 s to learn from, 24 held out, no inverse models, lines alone",
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robots", type=int, default=1, help="so many stand-ins, of this seed and those that follow")
+    parser.add_argument("--robots", type=int, help="so many stand-ins, of this seed and those that follow (default: 8)")
     options = parser.parse_args()
-    ranked = [of_robot(seed, quick=options.quick) for seed in range(options.seed, options.seed + options.robots)]
-    if options.robots > 1:
-        pooled(ranked)
+    robots = options.robots or (2 if options.quick else 8)
+    pooled([of_robot(seed, quick=options.quick) for seed in range(options.seed, options.seed + robots)])
 
 
-def of_robot(seed: int, *, quick: bool) -> dict[str, tuple[Array, Array]]:
-    """Each way to the speeds of held-out walks in its simulator and on one stand-in; prints its table."""
+def of_robot(seed: int, *, quick: bool) -> dict[str, Held]:
+    """Each way on the held-out walks of one stand-in; prints its table."""
     rng, begun = np.random.default_rng(seed), time.process_time()
     robot = StandInNao(Truth.drawn(rng), seed=seed, threads=1)
     train, held, seconds = (6, 24, 5.0) if quick else (20, 40, 10.0)
     learning, fresh = walked(robot, rng, train, seconds, "learn"), walked(robot, rng, held, seconds, "fresh")
     falls = [sum("ended" in r.provenance for r in w.recordings) for w in (learning, fresh)]
-    print(f"{train} walks to learn from ({falls[0]} fell), {held} held out ({falls[1]} fell)")
+    print(f"robot {seed}: {train} walks to learn from ({falls[0]} fell), {held} held out ({falls[1]} fell)")
     names = ("linear",) if quick else ("linear", "model-tree")
     view = "own" if quick else None
     wishes = Wishes(joints=scenes.MOTORS, others=(), learners=names, by_row=False, period=scenes.CYCLE, view=view)
     learned = learn(learning.recordings, wishes)
     print(f"{learned.grounding.about['learner']}, {learned.view}, {learned.rows.inputs.history} frames: "
           f"{learned.comparison.why}; {time.process_time() - begun:.0f} CPU s")  # fmt: skip
-    ranked = report(ways(learned, learning, quick=quick), fresh, len(fresh.values) if quick else 12)
+    found = report(ways(learned, learning, quick=quick), fresh, len(fresh.values) if quick else 12)
     print(f"{time.process_time() - begun:.0f} CPU s", flush=True)
-    return ranked
+    return found
 
 
-def pooled(ranked: Sequence[dict[str, tuple[Array, Array]]]) -> None:
-    """Prints rank correlations in the mean over robots, and their gain with 95 % intervals over robots and their walks."""
-    print(
-        f"{len(ranked)} robots: {'':32}rank correlation    gain, 95 % over robots and walks    robots on which it rises"
-    )
-    for name in ranked[0]:
-        speeds_of = [(each["ungrounded"][0], *each[name]) for each in ranked]
-        ranks = np.array([[rank_of(before, real), rank_of(after, real)] for before, after, real in speeds_of])
-        rng, gains = np.random.default_rng(0), []
-        for _ in range(1000):
-            drawn = []
-            for k in rng.integers(len(speeds_of), size=len(speeds_of)):
-                before, after, real = speeds_of[k]
-                pick = rng.integers(len(real), size=len(real))
-                drawn.append(rank_of(after[pick], real[pick]) - rank_of(before[pick], real[pick]))
-            gains.append(np.mean(drawn))
-        low, high = np.nanquantile(gains, [0.025, 0.975])
-        gain = float(np.mean(ranks[:, 1] - ranks[:, 0]))
-        print(f"{name:44}{ranks[:, 1].mean():.3f}    {gain:+.3f} ({low:+.3f} ... {high:+.3f})"
-              f"    {np.sum(ranks[:, 1] > ranks[:, 0])} of {len(ranks)}")  # fmt: skip
-        if name != "ungrounded":
-            result(f"{_short(name)}_speed_rank_gain_of_{len(ranks)}", gain, "", 0.0, peer="ungrounded", at_most=False)
-
-
-def _short(name: str) -> str:
-    """A way's name in RESULT lines."""
-    return name.split(" (")[0].replace(",", "").replace(" ", "_").replace("'", "")
-
-
-def report(found: dict[str, Way], fresh: Walks, replays: int) -> dict[str, tuple[Array, Array]]:
-    """The table on held-out walks, and the RESULT lines; each way to its speeds and the robot's."""
+def report(found: dict[str, Way], fresh: Walks, replays: int) -> dict[str, Held]:
+    """Prints the table of one robot's held-out walks."""
     print(f"held-out walks: replays of {replays}; {len(fresh.values)} walking by themselves (the robot: "
           f"{100 * speeds(found['ungrounded'], fresh)[1].mean():.1f} cm/s)")  # fmt: skip
     print(f"{'':44}joints  torso   over ungrounded: joints, torso     speed  rank correlation    gain")
     print(f"{'':44}  mrad   mrad   (ratio, 95 %)                      cm/s   (95 %)              (95 %)")
-    told: list[tuple[str, list[Evidence], float]] = []
-    ranked: dict[str, tuple[Array, Array]] = {}
+    held: dict[str, Held] = {}
     plain, (before, real) = replayed_by(found["ungrounded"], fresh.first(replays)), speeds(found["ungrounded"], fresh)
     for name, way in found.items():
         each, (simulated, _) = replayed_by(way, fresh.first(replays)), speeds(way, fresh)
-        ranked[name.split(" (")[0]] = simulated, real
-        ratios = [evidence(getattr(plain, part), getattr(each, part)) for part in ("joints", "torso")]
+        joints, torso = (evidence(getattr(plain, part), getattr(each, part)) for part in ("joints", "torso"))
         shown = "  ".join(f"{np.exp(-g.gain):.2f} ({np.exp(-g.gain - 2 * g.standard_error):.2f}-"
-                          f"{np.exp(-g.gain + 2 * g.standard_error):.2f})" for g in ratios)  # fmt: skip
+                          f"{np.exp(-g.gain + 2 * g.standard_error):.2f})" for g in (joints, torso))  # fmt: skip
         rank, (own, gain) = rank_of(simulated, real), intervals(before, simulated, real)
         errors = f"{name:44}{1e3 * _root(each.joints):6.1f}{1e3 * _root(each.torso):7.1f}   {shown}"
         ranks = f"{rank:.2f} ({own[0]:.2f}, {own[1]:.2f})  {gain[0]:+.2f} ... {gain[1]:+.2f}"
         print(f"{errors}{100 * simulated.mean():8.1f}  {ranks}")
-        if name != "ungrounded":
-            told.append((name, ratios, rank))
-    for name, ratios, rank in told:
-        short = _short(name)
-        for part, g in zip(("joints", "torso"), ratios, strict=True):
-            result(f"{short}_{part}_over_ungrounded", float(np.exp(-g.gain)), "", 1.0, peer="ungrounded simulator")
-        result(f"{short}_speed_rank", rank, "", rank_of(before, real), peer="ungrounded",
-               peer_value=rank_of(before, real), at_most=False)  # fmt: skip
-    return ranked
+        held[name.split(" (")[0]] = Held(simulated, real, joints, torso)
+    return held
+
+
+def pooled(robots: Sequence[dict[str, Held]]) -> None:
+    """Prints errors over the ungrounded ones in the geometric mean over robots, and rank correlations in the mean, with 95 %
+    intervals over robots and their walks; and the RESULT lines.
+    """
+    count = len(robots)
+    print(f"{count} robots, in the mean (95 % over robots and walks; on how many it is better):")
+    print(f"{'':26}joints      torso       rank correlation   its gain")
+    before = float(np.mean([rank_of(r["ungrounded"].simulated, r["ungrounded"].real) for r in robots]))
+    for name in robots[0]:
+        joints, torso = (np.exp([-getattr(r[name], part).gain for r in robots]) for part in ("joints", "torso"))
+        ranks = np.array([[rank_of(r[k].simulated, r[k].real) for k in ("ungrounded", name)] for r in robots])
+        gain, (low, high) = float(np.mean(ranks[:, 1] - ranks[:, 0])), over_robots(robots, name)
+        shown = "  ".join(f"{np.exp(np.log(x).mean()):.2f} ({np.sum(x < 1.0)} of {count})" for x in (joints, torso))
+        print(f"{name:26}{shown}  {ranks[:, 1].mean():.3f}    {gain:+.3f} ({low:+.3f} ... {high:+.3f}; "
+              f"{np.sum(ranks[:, 1] > ranks[:, 0])} of {count})")  # fmt: skip
+        if name == "ungrounded":
+            continue
+        short = name.replace(",", "").replace(" ", "_").replace("'", "")
+        for part, x in (("joints", joints), ("torso", torso)):
+            result(f"{short}_{part}_over_ungrounded", float(np.exp(np.log(x).mean())), f"({count} robots)", 1.0,
+                   peer="ungrounded simulator")  # fmt: skip
+        result(f"{short}_speed_rank", before + gain, f"({count} robots)", before, peer="ungrounded", peer_value=before,
+               at_most=False)  # fmt: skip
+
+
+def over_robots(robots: Sequence[dict[str, Held]], name: str) -> Array:
+    """(2,) 95 % bootstrap interval over robots, and over walks of each, of a rank correlation's gain over the ungrounded."""
+    rng, gains = np.random.default_rng(0), []
+    for _ in range(1000):
+        drawn = []
+        for k in rng.integers(len(robots), size=len(robots)):
+            before, after = robots[k]["ungrounded"], robots[k][name]
+            pick = rng.integers(len(after.real), size=len(after.real))
+            drawn.append(
+                rank_of(after.simulated[pick], after.real[pick]) - rank_of(before.simulated[pick], before.real[pick])
+            )
+        gains.append(np.mean(drawn))
+    return np.nanquantile(gains, [0.025, 0.975])
 
 
 def replayed_by(way: Way, walks: Walks) -> Agreement:

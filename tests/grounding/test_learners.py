@@ -18,6 +18,7 @@ from trueup.grounding.grounding import Grounding
 from trueup.grounding.learn import Wishes, learn, no_worse_than_a_line
 from trueup.grounding.learners import LEARNERS, learners, tempered
 from trueup.grounding.linear import pace
+from trueup.grounding.remarks import remark_of_share
 from trueup.grounding.rows import inputs_of, rows_of
 from trueup.grounding.views import VIEWS, fitted
 from trueup.recording import Channel, Recording
@@ -236,6 +237,22 @@ def test_what_is_shown_of_a_run_left_out_is_a_second_on_from_what_was_measured(r
         state = lag(state, command)
         assert np.abs(said - state).max() < 2.0 * noise
     assert np.ptp(shown.measured, axis=0).min() > 0.3
+
+
+def test_a_share_found_by_replays_of_a_robot_that_stands_is_told_with_the_careful_choice(
+    rng: np.random.Generator,
+) -> None:
+    runs = recordings(rng, runs=3)
+    grounding = learn(runs, Wishes(learners=("linear",), by_row=False, history=1)).grounding
+    leaning = [
+        r.with_channel(Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", r.time, np.zeros((len(r.time), 3))))
+        for r in runs
+    ]
+    (said,) = remark_of_share(grounding.weighted(0.2, 0.8), leaning)
+    assert said.startswith("0.8 of what is predicted")
+    assert "--share 0.3" in said
+    assert not remark_of_share(grounding.weighted(0.2, 0.8), runs)
+    assert not remark_of_share(grounding.weighted(0.7, 0.3), leaning)
 
 
 def test_a_centre_of_mass_from_another_origin_is_outside_of_what_was_learned(rng: np.random.Generator) -> None:

@@ -30,7 +30,6 @@ from trueup.trial import Trial
 if TYPE_CHECKING:
     from trueup.engines.simulator import Simulator
     from trueup.grounding.comparison import Score
-    from trueup.grounding.foretold import Foretold
     from trueup.grounding.grounded import GroundedSimulator
     from trueup.grounding.grounding import Grounding
     from trueup.grounding.learn import Learned, Wishes
@@ -96,6 +95,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         raise GroundingError(
             f"--residual {args.residual}: what a simulator lacks is found in it; say which with --model"
         )
+    from trueup.grounding.remarks import remark_of_share
+
     training, held_out, found = given(args)
     if not training:
         raise GroundingError(f"all {len(held_out)} recordings are held out; none is left to learn from")
@@ -111,6 +112,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     )
     if ready is not None:
         grounding, story["simulator"] = _grounded(args, grounding, ready)
+        said = remark_of_share(grounding, ready.recordings) if args.share is None else ()
+        story["notes"] += said
+        notes(told, said, quiet=args.quiet)
     folder = free_folder(Path(args.out))
     grounding.save(folder / "grounding.npz")
     write_grounding_report(story, folder / "report.html")
@@ -188,15 +192,8 @@ def _story(
         "chosen": learned.grounding.about["learner"], "why": learned.grounding.about["why"],
         "skipped": list(found.skipped), "judged": [_plain(s) for s in scores.values()],
         "domain": [{"block": b.name, "limit": b.limit, "frames": b.patience} for b in learned.grounding.domain.blocks],
-        "seconds": learned.seconds, "notes": list(learned.notes), "shown": _shown(learned.shown),
+        "seconds": learned.seconds, "notes": list(learned.notes), "shown": learned.shown.plain(),
     }  # fmt: skip
-
-
-def _shown(shown: Foretold) -> dict[str, Any]:
-    arrays = {name: getattr(shown, name) for name in ("time", "command", "measured", "foretold")}
-    from trueup.grounding.comparison import AHEAD
-
-    return {"run": shown.run, "ahead": AHEAD, **{name: values.tolist() for name, values in arrays.items()}}
 
 
 def _plain(score: Score) -> dict[str, Any]:

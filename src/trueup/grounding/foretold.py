@@ -31,6 +31,11 @@ class Foretold:
     foretold: Array
     """(n, k) positions."""
 
+    def plain(self) -> dict[str, object]:
+        """As lists, with the seconds after which it begins anew."""
+        arrays = {name: getattr(self, name).tolist() for name in ("time", "command", "measured", "foretold")}
+        return {"run": self.run, "ahead": AHEAD, **arrays}
+
 
 def foretold(learner: Learner, rows: Rows, view: str, taken: Score, seed: int) -> Foretold:
     """The liveliest seconds of the run that is foretold as well as half of those left out are, from all others.
