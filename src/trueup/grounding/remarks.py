@@ -43,9 +43,9 @@ def remark_of_share(grounding: Grounding, recordings: Sequence[Recording]) -> tu
     if share <= PREDICTED or not all(r.has(ORIENTATION) for r in recordings):
         return ()
     return (
-        f"{share:.2g} of what is predicted replays these recordings best, but in no other was it tried, nor with a controller "
-        "that feels what it does: of six simulated bipeds for which 0.6 or more did so, torsos of four were 1.3 to 3.3 times as "
-        "far off in walks held out, and walks of three ranked worse than by the simulator as it is. "
+        f"{share:.2g} of what is predicted replays these recordings best, but was tried in no other, nor with a controller "
+        "that feels what it does: of six simulated bipeds for which 0.6 or more did so, torsos of four were 1.3 to 3.3 times "
+        "as far off in walks held out, and walks of three ranked worse than by the simulator as it is. "
         f"--share {PREDICTED:g} (the paper's) is the careful choice",
     )
 
