@@ -59,8 +59,9 @@ def shares(controlled: Sequence[bool], count: int) -> list[list[int]]:
     first has the others. Trials keep their order within a run.
     """
     places = [k for k, own in enumerate(controlled) if own]
+    others = [k for k, own in enumerate(controlled) if not own]
     parts = [places[k::count] for k in range(min(count, len(places)))] or [[]]
-    return [sorted({*parts[0], *range(len(controlled))} - {*places} | {*parts[0]}), *parts[1:]]
+    return [sorted(parts[0] + others), *parts[1:]]
 
 
 def in_turns(runs: Sequence[Iterator[Work]], threads: int) -> None:

@@ -56,6 +56,7 @@ def test_logs_and_a_model_become_a_grounded_simulator(
     assert held["after"] < 0.85 * held["before"]
     page = (folder / "out" / "report.html").read_text("utf-8")
     assert "LinearRegression" in page
+    assert "in a run left out" in page
     assert page.count("measured, and foretold for a second on") == len(story["joints"])
     capsys.readouterr()
     assert main(["replay", "arm.xml", "logs/run_4.parquet", "--grounding", "out/grounding.npz", "--json", "-q"]) == 0
@@ -74,7 +75,9 @@ def test_what_the_model_lacks_is_found_and_kept(folder: Path, monkeypatch: pytes
     assert story["simulator"]["residual"] == "command"
     (held,) = [r for r in story["simulator"]["replays"] if r["kind"] == "held out"]
     assert held["after"] < 0.4 * held["before"]
-    assert "added to its commands" in (folder / "delta" / "report.html").read_text("utf-8")
+    page = (folder / "delta" / "report.html").read_text("utf-8")
+    assert "added to its commands" in page
+    assert "in a stretch left out" in page, "one run alone cannot be left out"
 
 
 @pytest.mark.parametrize(

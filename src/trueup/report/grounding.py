@@ -148,12 +148,14 @@ def _foretold(story: Story, errors: Sequence[float]) -> list[Markup]:
             tag("h4", story["joints"][k]),
             plot.svg(f"{story['joints'][k]}: measured, and foretold for a second on"),
         ]
+    several = len(story["recordings"]) > 1  # of one alone stretches are left out
+    left_out, without = ("a run left out", "it") if several else ("a stretch left out", "this stretch")
     words = (
-        f"{shown['run']}, foretold without it: begun anew at each dot, and gone on from what was foretold for a second. The "
-        "joints that are hardest to foretell."
+        f"{shown['run']}, foretold without {without}: begun anew at each dot, and gone on from what was foretold for a "
+        "second (the joints that are hardest to foretell)."
     )
     colours = key(("ink", "measured"), ("after", "foretold"), ("faint", "commanded"))
-    return [tag("h3", "A second on, in a run left out"), caption(words), colours, *figures] if figures else []
+    return [tag("h3", f"A second on, in {left_out}"), caption(words), colours, *figures] if figures else []
 
 
 def _inputs(story: Story) -> Markup:
