@@ -46,6 +46,8 @@ class Parameter:
     no more than a place from which it is searched."""
     vanishes: bool = False
     """Whether its lower bound is as good as none of it: a delay of 0 s, friction of a model that has none."""
+    asked: bool = True
+    """False where it is frozen since nobody asked for it: its nominal value is what the model has, and may be wrong."""
 
     def __post_init__(self) -> None:
         """Checks the declaration."""

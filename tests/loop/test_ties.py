@@ -31,8 +31,14 @@ TIME = np.arange(0.0, 4.0, 0.01)
 NOISE = 2e-4  # rad
 
 
-def calibrated(folder: Path, declared: tuple[str, ...], truth: dict[str, float], file: dict[str, float]) -> Calibration:
-    """The arm of `file` fitted to motions of the one of `truth`."""
+def calibrated(
+    folder: Path,
+    declared: tuple[str, ...],
+    truth: dict[str, float],
+    file: dict[str, float],
+    only: tuple[str, ...] = ("*",),
+) -> Calibration:
+    """The arm of `file` fitted to motions of the one of `truth`, of what is `declared` only what matches."""
     rng = np.random.default_rng(3)
     (folder / "truth.xml").write_text(ARM.format(**truth))
     (folder / "arm.xml").write_text(ARM.format(**file))
@@ -51,9 +57,8 @@ def calibrated(folder: Path, declared: tuple[str, ...], truth: dict[str, float],
         recordings.append(
             Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
         )
-    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
-        Options(cross_validate=False, stages=DESCENT)
-    )
+    ready = prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").only(only)
+    return ready.calibrate(Options(cross_validate=False, stages=DESCENT))
 
 
 @pytest.mark.parametrize("case", LINES)
@@ -85,3 +90,12 @@ def test_a_quantity_that_is_declared_and_held_is_taken_as_known(tmp_path: Path) 
     kv = next(e for e in held.estimates if e.name == "j.kv")
     assert kv.verdict == "identified"
     assert kv.value == pytest.approx(2.0, rel=0.03)
+
+
+def test_what_a_campaign_does_not_ask_for_is_not_taken_as_known(tmp_path: Path) -> None:
+    truth = {"kv": 2.0, "damping": 0.5, "armature": 0.02}
+    wrong = {**truth, "kv": 0.5, "damping": 0.1}
+    found = calibrated(tmp_path, ("kp", "kv", "damping"), truth, wrong, only=("*.kp", "*.kv"))
+    kv = next(e for e in found.estimates if e.name == "j.kv")
+    assert kv.low <= 2.0 <= kv.high, f"kv is {kv.value} [{kv.low}, {kv.high}], in truth 2"
+    assert kv.verdict == "tied"

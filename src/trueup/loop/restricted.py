@@ -24,13 +24,18 @@ class Restricted(InPlaceOf):
 
     @classmethod
     def to(cls, simulator: Simulator, patterns: Sequence[str]) -> Restricted:
-        """Only parameters that match a pattern stay free. Raises UnknownNameError for a pattern that matches none."""
+        """Only parameters that match a pattern stay free, and of the others that were nothing is known (`Parameter.asked`).
+
+        Raises UnknownNameError for a pattern that matches none.
+        """
         names = simulator.parameters.names
         for pattern in patterns:
             if not fnmatch.filter(names, pattern):
                 raise unknown_name("parameter", pattern, names, f"simulator '{simulator.name}'")
         frozen = [n for n in names if not any(fnmatch.fnmatchcase(n, p) for p in patterns)]
-        return cls(simulator, simulator.parameters.left_out(frozen))
+        fewer, free = simulator.parameters.left_out(frozen).parameters, simulator.parameters.free
+        parameters = (p.replace(asked=p.asked and not (f and p.frozen)) for p, f in zip(fewer, free, strict=True))
+        return cls(simulator, ParameterSpace(tuple(parameters)))
 
     @property
     def period(self) -> float:

@@ -39,7 +39,8 @@ class Considered:
     """(n_free,) by how much each estimate changes for one unit more of it, in their units."""
     low: float
     high: float
-    """Between which ends it may be, in its unit: its bounds, or nearer where the recordings tell."""
+    """Between which ends it may be, in its unit: its bounds, or nearer where the recordings tell, which then hold both the
+    value that the model has and the one that replays best (a score test's step: C. R. Rao, 1948)."""
     calibrated: bool = False
     """Whether it was asked for, and stays open all the same."""
 
@@ -72,21 +73,24 @@ class Considered:
 
 
 def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considered, ...]:
-    """What the estimates owe to the simulation's step, to each related quantity that is not calibrated, and to those that are
-    and yet stay open by their `covariance` in the unit box (n_free, n_free), from slopes along a part of the motion.
+    """What the estimates owe to the simulation's step, to each related quantity that is not calibrated, to those that nobody
+    asked for (`Parameter.asked`), and to those that are calibrated and yet stay open by their `covariance` in the unit box
+    (n_free, n_free), from slopes along a part of the motion.
     """
     related = related_of(problem.simulator)
     other = None if related is None else related.related()
     more = () if other is None else other.parameters.parameters[len(fit.values) :]
     free = np.flatnonzero(fit.space.free)
-    parameters = [*(fit.space.parameters[i] for i in free), *more]
-    nominal = [*fit.values[free].tolist(), *(p.nominal for p in more)]
+    beside = [i for i, p in enumerate(fit.space.parameters) if p.frozen and not p.asked]
+    places = [*free, *beside]
+    parameters = [*(fit.space.parameters[i] for i in places), *more]
+    nominal = [*fit.values[places].tolist(), *(p.nominal for p in more)]
     undecided = [k for k in range(len(free)) if vague(float(np.sqrt(max(covariance[k, k], 0.0))))]
     settled = [k for k in range(len(free)) if k not in undecided]
     asked = [*undecided, *range(len(free), len(parameters))]
     part, units = _excerpt(problem), fit.space.unit_slope(fit.values)
     wider = part if other is None else part.by(other)
-    slopes, residual = _slopes(wider if fit.coarse_step is None else wider.at_step(fit.coarse_step), fit, more)
+    slopes, residual = _slopes(wider if fit.coarse_step is None else wider.at_step(fit.coarse_step), fit, beside, more)
     slopes[:, : len(free)] *= units[:, None]
     seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():
@@ -97,10 +101,11 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     for k in asked:
         if np.isfinite(seen.boxed[:, k]).all():
             slope = seen.boxed[:, k] / (units[k] if k < len(free) else 1.0)
-            trade, information = seen.owed(slope, [i for i in range(len(free)) if i != k], settled)
+            trade, information, pull = seen.owed(slope, [i for i in range(len(free)) if i != k], settled)
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
-            half = NORMAL_95 / np.sqrt(information / share / noise + PRIOR / (p.upper - p.lower) ** 2)
-            low, high = max(p.lower, p.nominal - half), min(p.upper, p.nominal + half)
+            sure = information / share / noise + PRIOR / (p.upper - p.lower) ** 2
+            half, there = NORMAL_95 / np.sqrt(sure), p.nominal - pull / share / noise / sure
+            low, high = max(p.lower, min(p.nominal, there) - half), min(p.upper, max(p.nominal, there) + half)
             found.append(Considered(p, trade, low, high, calibrated=k < len(free)))
     return (*found, *_of_step(part, fit, seen, settled))
 
@@ -114,7 +119,7 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     if not np.isfinite(finer).all():
         return []
     slope = (own - finer) / (0.5 * step)
-    trade, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
+    trade, _, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step)]
 
 
@@ -129,19 +134,20 @@ class _Slopes:
     units: Array
     """(n_free,) units of a parameter in one of its box."""
 
-    def owed(self, slope: Array, others: Sequence[int], settled: Sequence[int]) -> tuple[Array, float]:
+    def owed(self, slope: Array, others: Sequence[int], settled: Sequence[int]) -> tuple[Array, float, float]:
         """(n_free,) by how much the `settled` estimates change for one unit of what has that slope, in their units, where
-        the `others` make up for it, and the square sum that is left.
+        the `others` make up for it; the square sum that is left, and by how much half the loss grows for that unit.
         """
-        trade, left = _traded(self.boxed[:, others], slope, self.weights)
+        trade, left, information = _traded(self.boxed[:, others], slope, self.weights)
         whole = np.zeros(len(self.units))
         whole[others] = trade * self.units[others]
-        return np.where(np.isin(np.arange(len(whole)), settled), whole, 0.0), left
+        pull = float(left @ (self.weights * self.residual)) if information > 0.0 else 0.0
+        return np.where(np.isin(np.arange(len(whole)), settled), whole, 0.0), information, pull
 
 
-def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, float]:
+def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, Array, float]:
     """How estimates with slopes `own` (2, n, m) make up for one unit of a quantity with `slope` (2, m), each with what it is
-    unsure of, and the square sum that is left.
+    unsure of; what is left of it (m,), and the square sum of that beyond what is unsure.
     """
     (boxed, unsure), (moved, doubt) = own, slope
     inverse = np.linalg.inv((boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed)))
@@ -149,7 +155,7 @@ def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, float]:
     error = doubt + trade @ unsure
     trade[np.abs(trade) < np.abs(inverse @ (boxed @ (weights * error)))] = 0.0  # no more than slopes are unsure
     left, error = moved + trade @ boxed, doubt + trade @ unsure
-    return trade, max(float(weights @ (left**2 - error**2)), 0.0)
+    return trade, left, max(float(weights @ (left**2 - error**2)), 0.0)
 
 
 def _excerpt(problem: Problem) -> Problem:
@@ -163,11 +169,14 @@ def _excerpt(problem: Problem) -> Problem:
     return part.shortened(EXCERPT) if len(some) == 1 else part
 
 
-def _slopes(problem: Problem, fit: Fit, more: Sequence[Parameter]) -> tuple[Array, Array]:
-    """(2, n_free + m, residuals) slopes for one unit of each free parameter and each quantity behind them, and how far steps
-    to both sides differ in them; and the residuals (residuals,) between. The fit's own slopes may be some steps old.
+def _slopes(problem: Problem, fit: Fit, beside: Sequence[int], more: Sequence[Parameter]) -> tuple[Array, Array]:
+    """(2, n_free + m, residuals) slopes for one unit of each free parameter, of the frozen ones at places `beside`, and of
+    each quantity behind them, and how far steps to both sides differ in them; and the residuals (residuals,) between. The
+    fit's own slopes may be some steps old.
     """
-    moved = [(i, p) for i, p in enumerate((*fit.space.parameters, *more)) if not p.frozen]
+    own, first = fit.space.parameters, len(fit.values)
+    moved = [(i, own[i]) for i in (*np.flatnonzero(fit.space.free).tolist(), *beside)]
+    moved += [(first + i, p) for i, p in enumerate(more)]
     base = np.concatenate([fit.values, [p.nominal for p in more]])
     places = [i for i, _ in moved]
     steps = np.array(
