@@ -83,7 +83,7 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
         return None
     came = None if earlier is None else since(problem, found, earlier, structures)
     if came is not None and came.stands:
-        return None if came.known is None else _still(came.known, found.space, structures)
+        return None if came.known is None else _still(came.known, found, structures)
     part = problem if problem.duration <= EXCERPT else problem.shortened(EXCERPT / len(problem.trials))
     if part is not problem:
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
@@ -158,12 +158,14 @@ def _grown(problem: Problem, found: Fit, look: Look, stages: Sequence[Stage]) ->
         return None
 
 
-def _still(known: Known, space: ParameterSpace, structures: Mapping[str, Simulator]) -> Missing:
-    """What an earlier calibration found to be lacking, as it was fitted then."""
-    look, intervals = known.look, known.lacked.intervals
+def _still(known: Known, found: Fit, structures: Mapping[str, Simulator]) -> Missing:
+    """What an earlier calibration found to be lacking, as it was fitted then; what was held then is where it is found now."""
+    look, own = known.look, dict(zip(found.space.names, found.values.tolist(), strict=True))
     parameters = tuple(p for p in structures[look.name].parameters.parameters if p.name in look.sizes)
-    names = [p.name for p in (*space.parameters, *parameters) if not p.frozen]
-    values, low, high = np.array([intervals[name] for name in names]).T
+    names = [p.name for p in (*found.space.parameters, *parameters) if not p.frozen]
+    values, low, high = np.array(
+        [known.lacked.intervals[n] if n in known.lacked.intervals else [own[n]] * 3 for n in names]
+    ).T
     return Missing(look.name, parameters, values, low, high, known.lacked.shown, stands=True)
 
 

@@ -87,16 +87,18 @@ def since(problem: Problem, found: Fit, earlier: Earlier, structures: Mapping[st
 def _known(
     part: Problem, space: ParameterSpace, earlier: Earlier, lacked: Lacked, structures: Mapping[str, Simulator]
 ) -> Known | None:
-    """The structure that was lacking, on recordings that came since; None where it was fitted beside other parameters."""
+    """The structure that was lacking, on recordings that came since; None where it was fitted beside parameters that are held
+    by now. What was held then was so beside the structure, too.
+    """
     sizes = {name: value for name, (value, _, _) in lacked.intervals.items() if name not in space.names}
     name = next((n for n, s in structures.items() if sizes.keys() <= set(s.parameters.names)), None)
-    fitted = [p.name for p in space.parameters if not p.frozen]
-    if name is None or len(lacked.intervals) != len(fitted) + len(sizes) or not set(fitted) <= lacked.intervals.keys():
+    fitted = {
+        p.name: lacked.intervals[p.name][0] for p in space.parameters if not p.frozen and p.name in lacked.intervals
+    }
+    if name is None or len(lacked.intervals) != len(fitted) + len(sizes):
         return None
     without = earlier.values_in(space)
-    own = np.array([
-        value if p.frozen else lacked.intervals[p.name][0] for p, value in zip(space.parameters, without, strict=True)
-    ])  # fmt: skip
+    own = np.array([fitted.get(p.name, value) for p, value in zip(space.parameters, without, strict=True)])
     more = structures[name].parameters.parameters[len(space) :]
     values, wider = np.concatenate([own, [sizes.get(p.name, p.nominal) for p in more]]), part.by(structures[name])
     blocks = by_stretch(part)
