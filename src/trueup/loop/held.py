@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -56,6 +57,11 @@ class _Along:
     open: float
     """As much more loss as chance leaves open."""
 
+    @cached_property
+    def begun(self) -> Array:
+        """(m,) residuals of the problem at the fit."""
+        return self.problem.residuals(self.fit.values[None])[0]
+
     def rival(self, p: Parameter) -> Rival:
         """One parameter, down and up as far as it is open."""
         space, ends = self.fit.space, [self.fit.unit]
@@ -73,14 +79,17 @@ class _Along:
         if abs(end - here) <= ROUNDED * max(abs(here), abs(end)):
             return found
         sizes = here + (end - here) * 2.0 ** -np.arange(_HALVINGS)[::-1]
-        rows = np.repeat(fit.values[None], 1 + len(sizes), axis=0)
-        rows[1:, i] = sizes
-        begun, *moved = self.problem.residuals(rows)
-        stayed = self._more(np.array(moved) - begun)
-        first = int(np.argmax(stayed > self.open)) if (stayed > self.open).any() else len(sizes)
+        first = 0
+        for half in np.array_split(sizes, 2):  # where the smaller ones show, the larger ones need not be simulated
+            rows = np.repeat(fit.values[None], len(half), axis=0)
+            rows[:, i] = half
+            stays = self._more(self.problem.residuals(rows) - self.begun) <= self.open
+            first += len(half) if stays.all() else int(np.argmin(stays))
+            if not stays.all():
+                break
         at, last = fit.unit, 0.0
         for size in sizes[first:].tolist():
-            more, unit = self._settled(i, size, at, begun)
+            more, unit = self._settled(i, size, at)
             if not more <= self.open:
                 if np.isfinite(more):
                     found.append(at + np.sqrt((self.open - last) / (more - last)) * (unit - at))
@@ -89,7 +98,7 @@ class _Along:
             at, last = unit, max(more, 0.0)
         return found
 
-    def _settled(self, i: int, size: float, at: Array, begun: Array) -> tuple[float, Array]:
+    def _settled(self, i: int, size: float, at: Array) -> tuple[float, Array]:
         """How much more loss there is with value `i` of that size, and where all else settles, from `at` on: the lowest of
         some steps with slopes that each of them corrects (Broyden).
         """
@@ -99,7 +108,7 @@ class _Along:
         at, slopes = np.where(own, fit.space.to_unit(row), at), np.where(own, 0.0, fit.jacobian)
         while len(seen) <= _STEPS:
             row[fit.space.free], row[i] = fit.space.from_unit(at)[fit.space.free], size
-            residual = fit.residual + self.problem.residuals(row[None])[0] - begun
+            residual = fit.residual + self.problem.residuals(row[None])[0] - self.begun
             seen.append((float(self._more((residual - fit.residual)[None])[0]), at))
             if not np.isfinite(residual).all() or seen[-1][0] <= 0.0:
                 break
