@@ -72,6 +72,8 @@ def _too_large(recording: Recording) -> Iterator[str]:
             continue
         worst = int(np.argmax(sizes))
         reached = f"{sizes[worst]:.4g} {channel.unit}".rstrip()
+        if name.startswith("command") and not channel.unit:
+            suspected = "percent of a range, pulses or degrees"
         geared = ", or the angle of a motor before its gear" if unit == "rad" else ""
         yield (
             f"{name}: {channel.labels[worst]} reaches {reached}: {suspected} suspected{geared}. "
@@ -183,7 +185,10 @@ def _multiples(
     """Whether one channel is a known multiple of the other, joint by joint: in words, which multiple, and of which joints."""
     found: dict[str, list[str]] = {}
     for label in channel.labels:
-        ratio = _ratio(channel, position, label, derive) if label in position.labels else None
+        stated = (
+            not derive and not channel.unit_of(label) and bool(position.unit_of(label))
+        )  # numbers of who knows what
+        ratio = _ratio(channel, position, label, derive) if label in position.labels and not stated else None
         sentence = nearest(ratio, _RATIOS) if ratio is not None else ""
         if sentence:
             found.setdefault(sentence, []).append(label)

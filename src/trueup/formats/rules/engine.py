@@ -33,6 +33,7 @@ from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command
+from trueup.units import are_pulses
 
 _COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
 """Words of a column that counts messages."""
@@ -114,6 +115,8 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     kind, command, sent = reading.kind, reading.command, reading.sent
     if kind == "torque" and not command and (reading.unit or column.declared) in joints.SHARES.values():
         kind = "load"  # of what a drive is rated for, which nothing here knows in N m
+    if kind == "duty" and command and are_pulses(column.known) and np.ptp(column.known) > 0.0:
+        kind = "position"  # of a servo that is told by the length of a pulse, and no limit that is set once
     if context is not None:
         kind, sent = kind or context.kind, sent or context.sent
         command = command or (context.command and not context.measured)
@@ -129,7 +132,10 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     # Voltages and temperatures are more often of the supply than of a joint, and one gain is that of all.
     of_all = kind in ("voltage", "temperature", *joints.SETTINGS) and not reading.label
     label = kind if of_all else joints.label_of(reading.label)
-    return Proposal(column, role, label if named is None else named.joint, reading.unit or column.declared)
+    unit = reading.unit or column.declared
+    if role in ("command", "command_sent") and unit in joints.SHARES.values():
+        unit = ""  # shares stay as they are: of what, is told by how joints follow them
+    return Proposal(column, role, label if named is None else named.joint, unit)
 
 
 def _own_name(column: Column) -> str:
