@@ -68,7 +68,7 @@ class Sizes:
         ticks = any(_TICKS & set(column.parts.words) for column in self.groups[name])
         if name != "position" and all(_is_share(column) for column in self.groups[name]):
             self.notes.append(
-                f"{name}: percent, by its name, of what the log does not say: `trueup calibrate` looks at how joints follow it; "
+                f"{name}: percent, by its name, of what the log does not say: `trueup calibrate` looks at how joints follow; "
                 'or give unit = "rad" and scale = rad for one percent'
             )
             return
@@ -132,7 +132,7 @@ class Sizes:
         return None
 
     def _in_percent(self, name: str, unit: str) -> bool:
-        """Whether commands that would be degrees end where shares of a range do: +-1.75 rad in percent are 57 for each rad."""
+        """Whether commands that would be degrees end where shares of a range do: of +-1.75 rad these are 57 for each."""
         return unit == "deg" and name != "position" and self._largest(name) == 1.0 / to_si("%")[1]
 
     def _of_joints(self, name: str, usual: str) -> None:
