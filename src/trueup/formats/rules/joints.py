@@ -60,11 +60,13 @@ _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
 VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim", "prev",
             "previous", "computed", "calculated")  # fmt: skip
 """Words of a signal that stands beside a plainer one of the same joint."""
+COUNTED = re.compile(r"joint_\d+")
+"""Labels of a list that names no joints, as a bag's Float64MultiArray: of those whose positions were logged beside it."""
 PARTS = listed("joint joints motor motors")
 _NUMBERED_ID = re.compile(r"(?<![A-Za-z])id_?\d", re.IGNORECASE)
 _LOW = frozenset(["low"])
 _NOT_JOINT = TOOLS | listed(
-    "pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
+    "autopilot pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
     "success layout force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance sin cos camera "
     "extrinsics intrinsics timestamp timestamps scaling override"
 )

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,8 +20,6 @@ from trueup.units import hardly_radians, to_si
 
 _TURN = 4096
 """Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""
-_COUNTED = re.compile(r"joint_\d+")
-"""Labels of a list that names no joints, as a bag's Float64MultiArray: of those whose positions were logged beside it."""
 _FILTERED = 0.5
 """Speeds between this share of the positions' rate and its inverse are in SI, filtered or late: other units are beyond."""
 _TICKS = frozenset(["counts", "ticks"])
@@ -140,7 +137,7 @@ class Sizes:
         channel, position = self.channels[name], self.channels.get("position")
         angles = position is not None and to_si(position.unit)[0] == "rad" and len(position.scale) == 1
         times = self._common(name, "position", derive=True) if angles and name == "velocity" else None
-        counted = name == "command_torque" and all(_COUNTED.fullmatch(label) for label in channel.labels)
+        counted = name == "command_torque" and all(joints.COUNTED.fullmatch(label) for label in channel.labels)
         of_known = any(counted or channel.labels == self.channels[p].labels for p in _POSITIONS if p in self.channels
                        and self.channels[p].unit in ("rad", "deg"))  # fmt: skip
         if times is not None and position is not None:

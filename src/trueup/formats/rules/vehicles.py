@@ -148,7 +148,7 @@ _CORES: Mapping[frozenset[str], str] = MappingProxyType(
     {frozenset(core.split()): rule.kind for rule in RULES for core in rule.names.split(", ")}
 )
 
-_ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick rc")
+_ASKED = COMMANDED | listed("input ackermann teleop guidance nav user pilot joy joystick rc")
 _WHOSE = (
     _ASKED
     | PLAINLY_MEASURED
@@ -159,7 +159,7 @@ _WHOSE = (
         "real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation "
         "sent norm normalized ticks tick angle ratio value percentage data msg stamped twist vesc sensors sensor core "
         "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
-        "csv npz topic inferred imu raw body fix navsat apriltag tag aruco marker beacon lidar tracker tracked tracking "
+        "line csv npz topic inferred imu raw body fix navsat apriltag tag aruco marker beacon lidar tracker tracked tracking "
         "field location ned rb rigid ego agent hero player actuator actuators"
     )
 )

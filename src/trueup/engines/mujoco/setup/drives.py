@@ -113,8 +113,8 @@ def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = F
         seen = dict.fromkeys(f"{c.name} ({', '.join(c.labels)})" for r in silent for c in r.channels.values())
         raise RecordingError(
             f"no command in {names}: nothing says what the drives of model '{model.path.name}' "
-            f"({', '.join(drives) or 'of no single joint'}) did. Channels seen: {'; '.join(seen)}. {not_taken}Name the columns "
-            f'that commanded them in the mapping: [channels.{way[0]} columns = ["..."], '
+            f"({', '.join(drives) or 'of no single joint'}) did. Channels seen: {'; '.join(seen)}. {not_taken}Name the "
+            f'columns that commanded them in the mapping: [channels.{way[0]} columns = ["..."], '
             f'labels = {dumps(list(drives.values()))}, unit = "{way[1]}". If nothing drove the robot, give a model without '
             f"actuators, or log {ENABLED} as 0"
         )
