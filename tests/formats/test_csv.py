@@ -223,6 +223,20 @@ def test_rows_of_one_time_with_other_values_are_not_passed_over(tmp_path: Path) 
         read(tmp_path / "log.csv", rows("time,q1", *lines))
 
 
+def test_topics_in_one_table_keep_their_rates_and_all_samples_of_an_instant(tmp_path: Path) -> None:
+    """As PlotJuggler exports a bag: a row for each message, two of which may have come at once."""
+    fast = [(k / 100.0, f"{k / 100.0},,{np.sin(k / 100.0)}") for k in range(300)]
+    slow = [(k / 20.0, f"{k / 20.0},{k},") for k in range(60)]
+    path = tmp_path / "log.csv"
+    path.write_text(rows("__time,/cmd/q1_cmd,/joint/q1", *(line for _, line in sorted(fast + slow))))
+    (found,) = formats.read(path)
+    assert found.channel("command").time == pytest.approx(np.arange(60) / 20.0)
+    assert found.channel("command").values[:, 0].tolist() == list(range(60))
+    assert found.channel("position").time == pytest.approx(np.arange(300) / 100.0)
+    assert found.channel("position").values[:, 0] == pytest.approx(np.sin(np.arange(300) / 100.0))
+    assert not [word for word in found.provenance.get("warnings", "").split(";") if "value" in word]
+
+
 def test_a_column_that_holds_words_cannot_be_a_channel(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(rows("time,mode,q1", "0,IDLE,1", "0.1,RUN,2"))
