@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.arrays import Array, Mask
+from trueup.arrays import Array
 from trueup.formats.clock import Samples
 from trueup.formats.table import Table
 
@@ -19,7 +19,7 @@ def of_a_topic(values: Array, table: Table) -> bool:
     """Whether the rows in which a channel (T, k) has nothing are those of other topics, as PlotJuggler writes each message
     into a row of its own: what stands there comes mostly where this channel has nothing.
     """
-    blank: Mask = np.isnan(values).all(axis=1)
+    blank = np.asarray(np.isnan(values).all(axis=1))
     if len(blank) != table.length or not blank.any() or blank.all():
         return False
     there = [known if known.ndim == 1 else known.any(axis=1) for known in map(np.isfinite, table.columns.values())]
@@ -29,7 +29,7 @@ def of_a_topic(values: Array, table: Table) -> bool:
 
 def without_blanks(samples: Samples, role: str, *, topic: bool) -> Samples:
     """Drops the rows in which a table of several clocks has nothing for this channel; of a `topic` without a word."""
-    blank: Mask = np.isnan(samples.values).all(axis=1)
+    blank = np.asarray(np.isnan(samples.values).all(axis=1))
     if np.all(blank) or (np.mean(blank) < _BLANK and not topic):
         return samples
     note = f"{role}: {int(blank.sum())} of {len(blank)} rows have no value for it and were left out"

@@ -233,7 +233,7 @@ def _wraps(recording: Recording) -> Iterator[str]:
         if "position" in names:
             yield (
                 f"{', '.join(sorted(names, reverse=True))}: {label} jumps by {said} between samples, as where encoders wrap; "
-                "a joint without limits in the model is taken to go on turning"
+                "a joint without limits in the model is taken to go on turning, one with limits to be within them"
             )
         elif names:
             yield f"{', '.join(names)}: {label} is whole turns ({said}) away from its position"
