@@ -229,6 +229,9 @@ def _wraps(recording: Recording) -> Iterator[str]:
     degrees = not position.unit and hardly_radians(float(np.fmax.reduce(np.abs(position.values), axis=None)))
     turn, said = (360.0, "360") if degrees else (math.tau, "2 pi")
     for label in position.labels:
+        known = position.column(label)[np.isfinite(position.column(label))]
+        if degrees and (not known.size or float(np.ptp(known)) > float(turn)):
+            continue  # counts: angles that begin anew stay within a turn
         names = list(turning_on(recording, (label,), turn, position.unit))
         if "position" in names:
             yield (

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -37,6 +38,12 @@ EXAMPLES = (
     Example("t,latitude,longitude,speed,heading,guidanceLineSteerAngle,actualSteerAngleDegrees,crossTrackError",
             "0 48 11 5 90 10 9 1|.1 48 12 5 91 20 11 2|.2 49 12 5 92 15 19 1",
             "command[m/s,rad] speed steering; position[deg] latitude longitude; heading[rad] heading"),
+    # ArduPilot's rover: the outputs of its servos 1 and 3, unless its parameters say otherwise.
+    Example("TimeUS,RCOU.C1,RCOU.C3,NKF1.PN,NKF1.PE,ATT.Yaw",
+            "0 1500 1600 1 2 90|100000 1550 1650 1.1 2 91|200000 1600 1600 1.2 2 92",
+            "command[] throttle steering; position[m] x y; heading[rad] heading"),
+    Example("t,ControllerOutput_ThrottlePWM,ControllerOutput_SteerPWM,EKF_PosN,EKF_PosE",
+            "0 1500 1600 1 2|.1 1550 1650 1.1 2|.2 1600 1600 1.2 2", "command[] throttle steering; position[m] x y"),
     # A joint that steers is one beside other words.
     Example("t,steer_pos,steer_cmd", "0 .1 .1|.1 .2 .1|.2 .3 .2", "command[rad] steer; position[rad] steer"),
 )  # fmt: skip
@@ -45,10 +52,14 @@ WORD = "autopilot"
 """A word of names by which columns are read that no joint has."""
 _NUMBER = re.compile(r"(?P<topic>.*?)(?P<field>control|output)(?:\[|[._])0*(?P<index>\d+)\]?$")
 _TOPIC = re.compile(r"actuator_(?P<what>controls|outputs|motors|servos)(?:_(?P<group>\d+))?", re.IGNORECASE)
+_THROTTLED, _STEERS = "actuator_controls.throttle", "actuator_controls.steering"
+_SERVO = re.compile(r"(?:^|[/.])RCOU[/._]C(?P<index>\d+)$")
+"""What ArduPilot calls the outputs of its servos."""
+_ROVERS = MappingProxyType({"1": _STEERS, "3": _THROTTLED})
+"""Which of them a rover of ArduPilot has, as SERVO1_FUNCTION and SERVO3_FUNCTION are unless they are set otherwise."""
 _SAMPLED = "timestamp_sample"
 """A column that PX4 writes beside what it controls."""
 _ROLL, _PITCH, _YAW, _THROTTLE = "0", "1", "2", "3"
-_THROTTLED, _STEERS = "actuator_controls.throttle", "actuator_controls.steering"
 _GUIDED = (frozenset(["guidance"]), frozenset(["crosstrack"]), frozenset(["cross", "track"]), frozenset(["xte"]))
 """Words of which one set tells that something is steered along lines."""
 _STEERED = frozenset(["steer", "steering", "wheel", "speed", "velocity", "heading", "course"])
@@ -75,6 +86,9 @@ def _columns_of(tables: Sequence[Table], name: str) -> Mapping[str, Array]:
 
 def _actuator(table: Table, name: str) -> tuple[str, str, str] | None:
     """Topic, field and number of what PX4 drives; None for anything else."""
+    servo = _SERVO.search(name)
+    if servo is not None:
+        return "rcou", "output", servo["index"]
     match = _NUMBER.match(name)
     if match is None:
         return None
@@ -95,6 +109,8 @@ def _driving(moving: set[tuple[str, str, str]]) -> dict[tuple[str, str, str], st
     told = {index for topic, _, index in moving if topic == "controls"}
     if told and not told & {_ROLL, _PITCH}:
         return {("controls", "control", _THROTTLE): _THROTTLED, ("controls", "control", _YAW): _STEERS}
+    if {index for topic, _, index in moving if topic == "rcou"} == {*_ROVERS}:
+        return {("rcou", "output", n): name for n, name in _ROVERS.items()}
     motors, servos = ([what for what in moving if what[0] == topic] for topic in ("motors", "servos"))
     if len(motors) == len(servos) == 1:
         return {motors[0]: _THROTTLED, servos[0]: _STEERS}
@@ -119,9 +135,17 @@ def said(columns: Sequence[Column], used: Sequence[Column]) -> list[str]:
     numbered = [column.name for column in left if WORD in column.parts.words]
     if numbered and not used:
         notes.append(
-            f"{listing(numbered, 4)}: what an autopilot (PX4) drives its actuators with, and no joints: left out. Of a rover "
-            "control[2] steers and control[3] is the throttle of actuator_controls_0: name them in [channels.command], with "
-            'labels = ["steering", "throttle"], and vehicle_local_position as [channels.position]'
+            f"{listing(numbered, 4)}: what an autopilot (PX4, ArduPilot) drives its actuators with, and no joints: left out. Of "
+            "a rover control[2] of actuator_controls_0 steers and control[3] is the throttle: name them in [channels.command], "
+            'with labels = ["steering", "throttle"], and vehicle_local_position as [channels.position]'
+        )
+    driving = {
+        column.read_as.rpartition(".")[2]: column.name for column in used if column.read_as in (_THROTTLED, _STEERS)
+    }
+    if driving:
+        notes.append(
+            f"{' and '.join(driving.values())}: taken for {' and '.join(driving)}, as rovers of PX4 and ArduPilot have them "
+            "unless they are set otherwise; if these are others, name in [channels.command] what drove it"
         )
     guided = [column.name for column in left if _STEERED & set(words(column.name))]
     if guided and _guided(columns) and not used:

@@ -33,6 +33,10 @@ EXAMPLES = (
             "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
             "position[rad] hip; acc[] x y z; gyro[deg/s] x y z"),
     Example("t,q_hip,q_cmd_hip,wx,wy,wz", "0 .1 .2 1 2 3|.01 .2 .3 1 2 2|.02 .3 .4 2 2 3", "position[rad] hip; gyro[] x y z"),
+    # What a robot's controller says of itself has no word for its kind, and nobody commands it.
+    Example("t,actual_q_0,actual_q_1,target_q_0,target_q_1,actual_digital_input_bits,actual_momentum",
+            "0 .1 .2 .1 .2 0 1|.1 .2 .3 .2 .3 1 2|.2 .3 .4 .3 .4 0 1",
+            "position[rad] joint_0 joint_1; command[rad] joint_0 joint_1"),
     # Gravity alone, as some log it, is no gyro.
     Example("t,q_hip,q_cmd_hip,gx,gy,gz", "0 .1 .2 0 0 9|.01 .2 .3 0 0 9|.02 .3 .4 0 1 9", "position[rad] hip; gx[] gx"),
     # A joint that is called a motor, beside the one that it moves; elsewhere motors have angles of their own.
@@ -111,9 +115,14 @@ def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, 
     implied = [p.role in _POSITIONS and joints.read(p.column.parts).implied for p in proposals]
     told = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in _POSITIONS and not only}
 
+    commanded = {p.label for p in proposals if p.role in _POSITIONS[1:]}
+    measured = any(role == "position" for role, _ in told)
+
     def is_other(p: Proposal) -> bool:
         if (p.role, p.label) in told:
             return True
+        if measured and commanded and p.role == "position" and p.label not in commanded and p.column not in named:
+            return True  # actual_digital_input_bits
         joint = p.column in named or any(x == p.label for _, x in told)
         return not joint and any(x in p.label and {*words(x)} < {*words(p.label)} for _, x in told)
 
