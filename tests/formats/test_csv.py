@@ -334,3 +334,23 @@ def test_a_clock_whose_counter_was_full_goes_on(name: str, full: int, tmp_path: 
     (log,) = formats.read(tmp_path / "log.csv")
     assert log.time - log.start == pytest.approx(0.01 * np.arange(9), abs=1e-9)
     assert "began anew" in log.provenance["warnings"]
+
+
+def test_odometry_and_commands_as_ros_echoes_them_need_no_names_of_columns(tmp_path: Path) -> None:
+    """nav_msgs/Odometry beside geometry_msgs/TwistStamped, of `ros2 topic echo --csv`, in a folder."""
+    zeros, folder = ",".join(["0.0"] * 36), tmp_path / "drive"
+    folder.mkdir()
+    times = [(1700000000 + k // 20, 50000000 * (k % 20), 0.05 * k) for k in range(60)]
+    odom = [
+        f"{s},{ns},odom,base_link,{t:.4f},{t * t:.4f},0.0,0.0,0.0,{np.sin(t):.6f},{np.cos(t):.6f},{zeros},"
+        f"{1.0 + t:.4f},0.0,0.0,0.0,0.0,{0.5 * t:.4f},{zeros}" for s, ns, t in times
+    ]  # fmt: skip
+    told = [f"{s},{ns},base_link,{1.1 + t:.4f},0.0,0.0,0.0,0.0,{0.6 * t:.4f}" for s, ns, t in times]
+    (folder / "odom.csv").write_text("\n".join(odom) + "\n")
+    (folder / "cmd_vel.csv").write_text("\n".join(told) + "\n")
+    (found,) = formats.read(folder)
+    t = np.array([time for *_, time in times])
+    assert found.channel("position").values == pytest.approx(np.column_stack([t, t * t]), abs=1e-3)
+    assert found.channel("speed").values[:, 0] == pytest.approx(1.0 + t, abs=1e-3)
+    assert found.channel("command").column("speed") == pytest.approx(1.1 + t, abs=1e-3)
+    assert found.channel("command").column("turn") == pytest.approx(0.6 * t, abs=1e-3)

@@ -135,9 +135,9 @@ def said(columns: Sequence[Column], used: Sequence[Column]) -> list[str]:
     numbered = [column.name for column in left if WORD in column.parts.words]
     if numbered and not used:
         notes.append(
-            f"{listing(numbered, 4)}: what an autopilot (PX4, ArduPilot) drives its actuators with, and no joints: left out. Of "
-            "a rover control[2] of actuator_controls_0 steers and control[3] is the throttle: name them in [channels.command], "
-            'with labels = ["steering", "throttle"], and vehicle_local_position as [channels.position]'
+            f"{listing(numbered, 4)}: what an autopilot (PX4, ArduPilot) drives actuators with, and no joints: left out. Of "
+            "a rover control[2] of actuator_controls_0 steers and control[3] is the throttle: name these in the mapping, in "
+            '[channels.command] with labels = ["steering", "throttle"], and vehicle_local_position as [channels.position]'
         )
     driving = {
         column.read_as.rpartition(".")[2]: column.name for column in used if column.read_as in (_THROTTLED, _STEERS)
