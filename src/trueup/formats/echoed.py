@@ -30,7 +30,7 @@ _MESSAGES = {
         "drive": ("steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk"),
     },
 }  # fmt: skip
-"""Numbers of a message behind its stamp, by how many frames it names and by what they are called here; '' for what is not read.
+"""Numbers of a message behind its stamp, by how many frames it names and by what they are called here; '' for others:
 nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped and TwistStamped, sensor_msgs/Imu,
 ackermann_msgs/AckermannDriveStamped: no two of them are of one length.
 """
