@@ -74,7 +74,9 @@ def check_keys(
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
-            raise error(f"{where}: unknown key '{key}' = {table[key]!r}{hint}; keys are: {', '.join(sorted(known))}")
+            raise error(
+                f"{where}: unknown key '{key}' = {table[key]!r}{hint}; keys are: {', '.join(sorted(known)) or 'none'}"
+            )
 
 
 def check_finite(table: Value, where: str, error: type[TrueupError] = PlanError) -> None:

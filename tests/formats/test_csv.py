@@ -223,6 +223,20 @@ def test_rows_of_one_time_with_other_values_are_not_passed_over(tmp_path: Path) 
         read(tmp_path / "log.csv", rows("time,q1", *lines))
 
 
+def test_topics_in_one_table_keep_their_rates_and_all_samples_of_an_instant(tmp_path: Path) -> None:
+    """As PlotJuggler exports a bag: a row for each message, two of which may have come at once."""
+    fast = [(k / 100.0, f"{k / 100.0},,{np.sin(k / 100.0)}") for k in range(300)]
+    slow = [(k / 20.0, f"{k / 20.0},{k},") for k in range(60)]
+    path = tmp_path / "log.csv"
+    path.write_text(rows("__time,/cmd/q1_cmd,/joint/q1", *(line for _, line in sorted(fast + slow))))
+    (found,) = formats.read(path)
+    assert found.channel("command").time == pytest.approx(np.arange(60) / 20.0)
+    assert found.channel("command").values[:, 0].tolist() == list(range(60))
+    assert found.channel("position").time == pytest.approx(np.arange(300) / 100.0)
+    assert found.channel("position").values[:, 0] == pytest.approx(np.sin(np.arange(300) / 100.0))
+    assert not [word for word in found.provenance.get("warnings", "").split(";") if "value" in word]
+
+
 def test_a_column_that_holds_words_cannot_be_a_channel(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(rows("time,mode,q1", "0,IDLE,1", "0.1,RUN,2"))
@@ -320,3 +334,23 @@ def test_a_clock_whose_counter_was_full_goes_on(name: str, full: int, tmp_path: 
     (log,) = formats.read(tmp_path / "log.csv")
     assert log.time - log.start == pytest.approx(0.01 * np.arange(9), abs=1e-9)
     assert "began anew" in log.provenance["warnings"]
+
+
+def test_odometry_and_commands_as_ros_echoes_them_need_no_names_of_columns(tmp_path: Path) -> None:
+    """nav_msgs/Odometry beside geometry_msgs/TwistStamped, of `ros2 topic echo --csv`, in a folder."""
+    zeros, folder = ",".join(["0.0"] * 36), tmp_path / "drive"
+    folder.mkdir()
+    times = [(1700000000 + k // 20, 50000000 * (k % 20), 0.05 * k) for k in range(60)]
+    odom = [
+        f"{s},{ns},odom,base_link,{t:.4f},{t * t:.4f},0.0,0.0,0.0,{np.sin(t):.6f},{np.cos(t):.6f},{zeros},"
+        f"{1.0 + t:.4f},0.0,0.0,0.0,0.0,{0.5 * t:.4f},{zeros}" for s, ns, t in times
+    ]  # fmt: skip
+    told = [f"{s},{ns},base_link,{1.1 + t:.4f},0.0,0.0,0.0,0.0,{0.6 * t:.4f}" for s, ns, t in times]
+    (folder / "odom.csv").write_text("\n".join(odom) + "\n")
+    (folder / "cmd_vel.csv").write_text("\n".join(told) + "\n")
+    (found,) = formats.read(folder)
+    t = np.array([time for *_, time in times])
+    assert found.channel("position").values == pytest.approx(np.column_stack([t, t * t]), abs=1e-3)
+    assert found.channel("speed").values[:, 0] == pytest.approx(1.0 + t, abs=1e-3)
+    assert found.channel("command").column("speed") == pytest.approx(1.1 + t, abs=1e-3)
+    assert found.channel("command").column("turn") == pytest.approx(0.6 * t, abs=1e-3)

@@ -242,6 +242,20 @@ def test_degrees_beside_revolutions_a_minute_are_told_by_one_another(tmp_path: P
     assert (channels["position"].unit, channels["velocity"].unit) == ("deg", "rpm")
 
 
+@pytest.mark.parametrize("ranges", [(1.92, 1.75, 1.69, 1.66, 2.8), (1.75,)])
+def test_commands_in_percent_of_ranges_near_a_hundred_degrees_are_no_degrees(
+    ranges: tuple[float, ...], tmp_path: Path
+) -> None:
+    t = np.arange(0.0, 10.0, 0.02)
+    told = np.clip(110.0 * np.sin(np.outer(t, 1.0 + 0.1 * np.arange(len(ranges)))), -100.0, 100.0)
+    names = ",".join(["t", *(f"j{k}_pos" for k in range(len(ranges))), *(f"j{k}_cmd" for k in range(len(ranges)))])
+    table = np.column_stack([t, told * np.array(ranges) / 100.0, told])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    found = formats.guess_mapping(tmp_path / "log.csv")
+    assert (found.channels["position"].unit, found.channels["command"].unit) == ("rad", "")
+    assert any("percent of a range" in note for note in found.notes)
+
+
 def test_one_joint_in_degrees_does_not_hide_that_the_others_are_in_radians_as_their_commands(tmp_path: Path) -> None:
     t = np.arange(0.0, 4.0, 0.02)
     swings = [0.8 * np.sin(t), 0.7 * np.sin(0.6 * t), 0.5 * np.cos(t)]

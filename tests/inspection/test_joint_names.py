@@ -87,3 +87,19 @@ def test_a_gripper_that_is_counted_behind_an_arm_does_not_hide_its_joints() -> N
     fingers = dict.fromkeys(("finger_joint1", "finger_joint2"), "")
     names, _ = sure_names([f"joint_{k}" for k in range(1, 6)], {**arm, **fingers})
     assert names == {f"joint_{k}": f"panda_joint{k}" for k in range(1, 5)}
+
+
+def test_numbered_joints_of_an_arm_are_not_those_of_its_wrist() -> None:
+    arm = [
+        "shoulder_pan_joint",
+        "shoulder_lift_joint",
+        "elbow_joint",
+        "wrist_1_joint",
+        "wrist_2_joint",
+        "wrist_3_joint",
+    ]
+    for start in (0, 1):
+        labels = [f"joint_{start + k}" for k in range(6)]
+        names, how = match_joints(labels, dict.fromkeys(arm, "driven"))
+        assert list(names.values()) == arm
+        assert "check" in how

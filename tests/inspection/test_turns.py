@@ -97,3 +97,27 @@ def test_inspect_says_which_angles_jump_by_a_turn(unit: str, turn: float, said: 
         plain = plain.with_channel(channel.replace(unit=unit, values=channel.values * turn / math.tau))
     assert any(f"position, command: wrist jumps by {said} between" in s for s in inspect(plain).findings())
     assert not any("jumps" in s for s in inspect(log(TURNING, AHEAD)).findings())
+
+
+@pytest.mark.parametrize("centre", [0.2, -0.1, -1.5, 1.7])
+@pytest.mark.parametrize("reach", [2.4, math.tau])
+def test_a_joint_with_a_range_is_within_it_though_its_encoder_counts_from_zero_to_a_turn(
+    centre: float, reach: float
+) -> None:
+    """Kinova's Gen3 tells all angles from 0 to 360 degrees, also of joints that cannot turn on."""
+    moved, told = centre + 0.6 * np.sin(TIME), centre + 0.6 * np.sin(TIME + 0.1)
+    log_of = log(within(moved, 0.0), within(told, 0.0))
+    found, notes = without_wraps({"wrist": Way(slides=False, range=(-reach, reach))}, {"wrist": "servo"}, [log_of])
+    seen = {name: found[0].channel(name).column("wrist") for name in ("position", "command")}
+    assert seen["command"] - seen["position"] == pytest.approx(told - moved)
+    wraps = bool(np.any(np.abs(np.diff(within(moved, 0.0))) > 1.0))
+    beyond = float(within(moved, 0.0).max()) > reach
+    assert bool(notes) == (wraps or beyond)
+    if wraps or beyond:
+        assert seen["position"] == pytest.approx(moved)
+
+
+def test_a_joint_that_is_in_its_range_stays_there_whatever_turn_that_is() -> None:
+    same = log(5.0 + 0.5 * np.sin(TIME), 5.0 + 0.5 * np.sin(TIME + 0.1))
+    found, notes = without_wraps({"wrist": Way(slides=False, range=(-math.tau, math.tau))}, {"wrist": "servo"}, [same])
+    assert (found, notes) == ([same], [])

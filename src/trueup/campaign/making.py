@@ -14,13 +14,16 @@ from trueup.errors import ParameterError, PlanError, TrueupError, unknown_name
 from trueup.extensions import addressed, registered
 from trueup.typed_toml import Component, check_keys, converted
 
+_OWN = frozenset(["seed", "folder"])
+"""What a plan may say otherwise of all that its parts are given: the rest is not to be written in a file."""
+
 
 def made(component: Component, kind: str, known: Mapping[str, str], given: Mapping[str, Any], base: Path) -> Any:
     """What `component` names, called with its options.
 
     `known` holds short names as 'module:attribute'; other packages add theirs by the entry points 'trueup.<kind>s'. The
-    callable also gets what it asks for by name out of `given`, unless the plan says otherwise. Paths are relative to
-    `base`. Raises PlanError, which names file, table, key, value and the choices.
+    callable also gets what it asks for by name out of `given`; of that a plan may say a seed or a folder otherwise. Paths are
+    relative to `base`. Raises PlanError, which names file, table, key, value and the choices.
     """
     target = found(component, kind, known, base)
     return called(component, target, given, base)
@@ -63,14 +66,15 @@ def arguments(component: Component, target: Callable[..., Any], given: Mapping[s
     """
     parameters = inspect.signature(target).parameters
     names = [n for n, p in parameters.items() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    writable = [n for n in names if n not in given or n in _OWN]
     if not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
-        check_keys(component.options, names, component.where)
+        check_keys(component.options, writable, component.where)
     hints = _hints(target)
     options = {k: _option(hints.get(k, Any), v, component.where, k, base) for k, v in component.options.items()}
     offered = {k: v for k, v in given.items() if k in names}
     for name in names:
         if parameters[name].default is inspect.Parameter.empty and name not in options and name not in offered:
-            raise PlanError(f"{component.where}: '{component.type}' needs '{name}'; it takes: {', '.join(names)}")
+            raise PlanError(f"{component.where}: '{component.type}' needs '{name}'; it takes: {', '.join(writable)}")
     return {**offered, **options}
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import ClockError, FormatError, MappingError, OtherFilesMappingError, unknown_name
+from trueup.formats.blanks import of_a_topic, without_blanks
 from trueup.formats.clock import Samples, guess_unit, increasing, row_offset, seconds
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
 from trueup.formats.rules.joints import joint_labels
@@ -21,8 +22,6 @@ from trueup.units import to_si
 
 # Clocks further from zero than this [s] count from a date: they are moved to begin at 0, which keeps their precision.
 _DATE = 1e7
-# From this share of empty rows on, a channel has a slower clock than its table, rather than missing samples.
-_BLANK = 0.4
 # The squares of such numbers overflow: damage, not a measurement.
 _ABSURD = 1e150
 
@@ -39,7 +38,8 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
     for role, entry in mapping.channels.items():
         sources[role] = table = _table(role, entry, tables)
         values, labels = _values(role, entry, table)
-        samples = _without_blanks(_timed(role, entry, mapping.time, table, tables, values), role)
+        timed = _timed(role, entry, mapping.time, table, tables, values)
+        samples = without_blanks(timed, role, topic=of_a_topic(values, table))
         missing = int(np.count_nonzero(np.isnan(samples.values)))
         warnings += samples.warnings
         gone = [label for label, column in zip(labels, samples.values.T, strict=True) if np.isnan(column).all()]
@@ -221,15 +221,6 @@ def _on_second_clock(entry: ChannelColumns, time: TimeColumn, table: Table, own:
         )
     samples = increasing(Samples(own, values, notes), table, time.repair, held=True, column=entry.time)
     return replace(samples, time=samples.time + offset)
-
-
-def _without_blanks(samples: Samples, role: str) -> Samples:
-    """Drops the rows in which a table of several clocks has nothing for this channel."""
-    blank = np.all(np.isnan(samples.values), axis=1)
-    if np.all(blank) or np.mean(blank) < _BLANK:
-        return samples
-    note = f"{role}: {int(blank.sum())} of {len(blank)} rows have no value for it and were left out"
-    return Samples(samples.time[~blank], samples.values[~blank], (*samples.warnings, note))
 
 
 def _time_table(time: TimeColumn, table: Table, tables: Sequence[Table]) -> Table:

@@ -72,7 +72,7 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
     then expected and left out. Raises FormatError, a ClockError where a mapping can mend it, saying where, how often and
     what to do about it.
     """
-    samples = _going_on(_without_lost_time(samples, table, repair), table)
+    samples = _completed(_going_on(_without_lost_time(samples, table, repair), table))
     if len(samples.time) == 0:
         raise FormatError(f"{table.path}: no samples")
     steps = np.diff(samples.time)
@@ -105,6 +105,24 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
         f"{table.path}, {table.place(i)}: time {samples.time[i]:.9g} s again, with other values ({again.size} such rows of "
         f'{len(steps) + 1}){within}; set repair = "drop" in [time] of the mapping to keep the first of each, or give a rate'
     )
+
+
+def _completed(samples: Samples) -> Samples:
+    """The samples with rows of one instant made one where they complement one another: each topic of a merged log fills its
+    own columns (PlotJuggler's CSV), and two of them may have come at once.
+    """
+    time, values = samples.time, samples.values
+    if len(time) < 2 or np.all(np.diff(time) != 0.0):
+        return samples
+    run = np.concatenate([[0], np.cumsum(np.diff(time) != 0.0)])
+    first = np.flatnonzero(np.diff(run, prepend=-1))
+    lowest, highest = (f.reduceat(values, first, axis=0) for f in (np.fmin, np.fmax))
+    gaps = np.logical_or.reduceat(np.isnan(values).any(axis=1), first)
+    whole = gaps & ~np.any(lowest < highest, axis=1)
+    kept = ~whole[run]
+    kept[first] = True
+    values = np.where(whole[run][:, None], lowest[run], values)
+    return Samples(time[kept], values[kept], samples.warnings)
 
 
 def _going_on(samples: Samples, table: Table) -> Samples:

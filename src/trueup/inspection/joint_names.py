@@ -138,7 +138,8 @@ def _counted(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]
 
 def _numbered(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]:
     """Pairs of labels that only count and joints of one name and a number: joint_3 is panda_joint3. All of these must be
-    there; labels may go on, as of a gripper that was logged behind an arm.
+    there; labels may go on, as of a gripper that was logged behind an arm, but not by as many again: joints 0 to 5 of an arm
+    are not its wrist_1 to wrist_3 and three more.
     """
     counted = {int(_core(label)): label for label in labels if _core(label).isdigit()}
     stems: dict[str, dict[int, str]] = {}
@@ -146,7 +147,7 @@ def _numbered(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str
         if (number := _NUMBER.search(_core(joint))) is not None:
             stems.setdefault(_core(joint)[: number.start()], {})[int(number[0])] = joint
     theirs = max(stems.values(), key=len, default={})
-    if len(theirs) < 2 or "" in stems or not counted:
+    if len(theirs) < 2 or "" in stems or not len(theirs) <= len(counted) < 2 * len(theirs):
         return {}
     shift = min(theirs) - min(counted)
     wanted = {number - shift: joint for number, joint in theirs.items()}

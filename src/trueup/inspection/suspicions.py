@@ -72,6 +72,8 @@ def _too_large(recording: Recording) -> Iterator[str]:
             continue
         worst = int(np.argmax(sizes))
         reached = f"{sizes[worst]:.4g} {channel.unit}".rstrip()
+        if name.startswith("command") and not channel.unit:
+            suspected = "percent of a range, pulses or degrees"
         geared = ", or the angle of a motor before its gear" if unit == "rad" else ""
         yield (
             f"{name}: {channel.labels[worst]} reaches {reached}: {suspected} suspected{geared}. "
@@ -183,7 +185,10 @@ def _multiples(
     """Whether one channel is a known multiple of the other, joint by joint: in words, which multiple, and of which joints."""
     found: dict[str, list[str]] = {}
     for label in channel.labels:
-        ratio = _ratio(channel, position, label, derive) if label in position.labels else None
+        stated = (
+            not derive and not channel.unit_of(label) and bool(position.unit_of(label))
+        )  # numbers of who knows what
+        ratio = _ratio(channel, position, label, derive) if label in position.labels and not stated else None
         sentence = nearest(ratio, _RATIOS) if ratio is not None else ""
         if sentence:
             found.setdefault(sentence, []).append(label)
@@ -224,11 +229,14 @@ def _wraps(recording: Recording) -> Iterator[str]:
     degrees = not position.unit and hardly_radians(float(np.fmax.reduce(np.abs(position.values), axis=None)))
     turn, said = (360.0, "360") if degrees else (math.tau, "2 pi")
     for label in position.labels:
+        known = position.column(label)[np.isfinite(position.column(label))]
+        if degrees and (not known.size or float(np.ptp(known)) > float(turn)):
+            continue  # counts: angles that begin anew stay within a turn
         names = list(turning_on(recording, (label,), turn, position.unit))
         if "position" in names:
             yield (
                 f"{', '.join(sorted(names, reverse=True))}: {label} jumps by {said} between samples, as where encoders wrap; "
-                "a joint without limits in the model is taken to go on turning"
+                "a joint without limits in the model is taken to go on turning, one with limits to be within them"
             )
         elif names:
             yield f"{', '.join(names)}: {label} is whole turns ({said}) away from its position"

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.inspection.scales import Way
+from trueup.inspection.zeros import FAR
 from trueup.recording import Channel, Recording
 from trueup.samples import unwound
 
@@ -22,15 +23,21 @@ def without_wraps(
     """Recordings in which hinges without a range go on turning where their log jumps by a whole turn, and notes.
 
     So do their commands, which lie in the turn in which the joint follows them. `drives`: each joint to the name of what
-    drives it, by which commands may be called, too.
+    drives it, by which commands may be called, too. Hinges with a range are where that is, whole turns away from what
+    encoders say that count from zero to a turn.
     """
-    result, jumped, beside = list(recordings), {}, {}
-    for joint in (j for j, way in joints.items() if not way.slides and way.range is None):
+    result, jumped, beside, within = list(recordings), {}, {}, {}
+    for joint in (j for j, way in joints.items() if not way.slides):
         names = (joint, *filter(None, [drives.get(joint)]))
         wraps = any(unwrapped(column) is not None for r in recordings if (column := _position(r, joint)) is not None)
+        away = _turns_away(joint, joints[joint].range, recordings, wraps=wraps)
         for i, recording in enumerate(result):
-            changed = turning_on(recording, names, wraps=wraps)
-            if "position" in changed:
+            if away[i] is None:
+                continue
+            changed = turning_on(recording, names, wraps=wraps, away=away[i] or 0.0)
+            if "position" in changed and joints[joint].range is not None:
+                within.setdefault(joint, []).append(recording.name)
+            elif "position" in changed:
                 jumped.setdefault(joint, []).append(recording.name)
             elif changed:
                 beside.setdefault(joint, []).append(recording.name)
@@ -38,8 +45,35 @@ def without_wraps(
                 result[i] = result[i].with_channel(channel)
     says = "{} jump by a whole turn between samples ({}), as of encoders that wrap: they are taken to go on turning"
     said = "commands of {} are whole turns away from where the joint is ({}): they are taken to mean the turn that it is in"
-    told = ((f"positions of {says}", jumped), (said, beside))
+    ranged = (
+        "positions of {} jump by a whole turn or lie one beside the joint's range ({}), as of encoders that count from zero "
+        "to a turn: they are taken to be in that range"
+    )
+    told = ((f"positions of {says}", jumped), (said, beside), (ranged, within))
     return result, [text.format(", ".join(found), _named(found)) for text, found in told if found]
+
+
+def _turns_away(
+    joint: str, ends: tuple[float, float] | None, recordings: Sequence[Recording], *, wraps: bool
+) -> list[float | None]:
+    """For each recording by how many turns a joint's encoder is to be moved once it goes on: so that all of its motion is in
+    the joint's range, as near to the middle as can be; None where it stays as it is, 0 of a joint without a range.
+    """
+    if ends is None:
+        return [0.0] * len(recordings)
+    found: list[float | None] = []
+    for recording in recordings:
+        column = _position(recording, joint)
+        known = np.zeros(0) if column is None else column[np.isfinite(column)]
+        inside = bool(known.size) and ends[0] - FAR <= known.min() and known.max() <= ends[1] + FAR
+        if not known.size or (inside and not wraps) or np.ptp(known) > math.tau:
+            found.append(None)
+            continue
+        on = unwound(known, math.tau)
+        turns = float(np.round((sum(ends) - on.min() - on.max()) / (2.0 * math.tau)))
+        fits = ends[0] - FAR <= on.min() + turns * math.tau and on.max() + turns * math.tau <= ends[1] + FAR
+        found.append(turns if fits else None)
+    return found
 
 
 def _named(found: Mapping[str, Sequence[str]]) -> str:
@@ -47,16 +81,19 @@ def _named(found: Mapping[str, Sequence[str]]) -> str:
 
 
 def turning_on(
-    recording: Recording, names: Sequence[str], turn: float = math.tau, unit: str = "rad", *, wraps: bool = False
-) -> dict[str, Channel]:
+    recording: Recording, names: Sequence[str], turn: float = math.tau, unit: str = "rad", *, wraps: bool = False,
+    away: float = 0.0,
+) -> dict[str, Channel]:  # fmt: skip
     """Channels of a recording that change where a joint, the first of `names`, goes on turning in place of its jumps.
 
-    `turn` is one turn in the channels' `unit`; `wraps` says that angles of this joint are known to be logged within one.
+    `turn` is one turn in the channels' `unit`; `wraps` says that angles of this joint are known to be logged within one,
+    `away` by how many turns they are to be moved.
     """
     measured, changed = _position(recording, names[0], unit), {}
     if measured is None:
         return {}
     on = unwrapped(measured, turn)
+    on = on if not away else (measured if on is None else on) + away * turn
     position = recording.channel("position")
     if on is not None:
         changed["position"] = _with(position, names[0], on)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from trueup import formats
-from trueup.formats.rules import bases, coherence, families, joints, vehicles, wheels
+from trueup.formats.rules import autopilots, bases, coherence, families, joints, lists, vehicles, wheels
 from trueup.formats.rules.rule import Example, Rule
 
 RULES = {"joints": joints.RULES, "vehicles": vehicles.RULES, "bases": bases.RULES}
@@ -24,6 +24,8 @@ CASES = [
         "families": families.EXAMPLES,
         "wheels": wheels.EXAMPLES,
         "sensors": coherence.EXAMPLES,
+        "lists": lists.EXAMPLES,
+        "autopilots": autopilots.EXAMPLES,
     }.items()
     for k, example in enumerate(examples)
 ]
@@ -38,7 +40,9 @@ def expected(text: str) -> dict[str, tuple[str, tuple[str, ...]]]:
 
 @pytest.mark.parametrize(("rule", "example"), CASES)
 def test_an_example_is_read_as_its_rule_says(rule: Rule | None, example: Example, tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text(example.header + "\n" + example.rows.replace("|", "\n").replace(" ", ",") + "\n")
+    (tmp_path / "log.csv").write_text(
+        example.header + "\n" + example.rows.replace("|", "\n").replace(" ", ",").replace(";", " ") + "\n"
+    )
     channels = formats.guess_mapping(tmp_path / "log.csv").channels
     wanted = expected(example.expected)
     there = {name: (channels[name], unit) for name, (unit, _) in wanted.items() if name in channels}

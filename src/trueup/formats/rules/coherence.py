@@ -17,7 +17,7 @@ from trueup.formats.rules.proposal import Proposal, own, threes
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
 
-_OF_ANY_DRIVE = frozenset(
+OF_ANY_DRIVE = frozenset(
     ["joint", "joints", "axis", "motor", "dof", "actuator", "servo", "drive", "robot", "arm", "a", "j"]
 )
 
@@ -33,6 +33,10 @@ EXAMPLES = (
             "0 .1 .2 0 0 9 1 2 3|.01 .2 .3 0 0 9 1 2 2|.02 .3 .4 0 1 9 2 2 3",
             "position[rad] hip; acc[] x y z; gyro[deg/s] x y z"),
     Example("t,q_hip,q_cmd_hip,wx,wy,wz", "0 .1 .2 1 2 3|.01 .2 .3 1 2 2|.02 .3 .4 2 2 3", "position[rad] hip; gyro[] x y z"),
+    # What a robot's controller says of itself has no word for its kind, and nobody commands it.
+    Example("t,actual_q_0,actual_q_1,target_q_0,target_q_1,actual_digital_input_bits,actual_momentum",
+            "0 .1 .2 .1 .2 0 1|.1 .2 .3 .2 .3 1 2|.2 .3 .4 .3 .4 0 1",
+            "position[rad] joint_0 joint_1; command[rad] joint_0 joint_1"),
     # Gravity alone, as some log it, is no gyro.
     Example("t,q_hip,q_cmd_hip,gx,gy,gz", "0 .1 .2 0 0 9|.01 .2 .3 0 0 9|.02 .3 .4 0 1 9", "position[rad] hip; gx[] gx"),
     # A joint that is called a motor, beside the one that it moves; elsewhere motors have angles of their own.
@@ -62,7 +66,7 @@ EXAMPLES = (
             "command[rad] x y z; position[rad] x y z; velocity[rad/s] x y z"),
 )  # fmt: skip
 _MOTOR = "motor"
-_FAMILIES = (_MOTOR, *joints.VARIANTS)
+FAMILIES = (_MOTOR, *joints.VARIANTS)
 """Signals of motors are kept apart from those of joints, and others that are no plain ones, where a file has both."""
 _POSITIONS = ("position", "command", "command_sent")
 _OF_SENSORS = ("velocity", "acceleration", "torque")
@@ -76,7 +80,7 @@ def family_of(proposal: Proposal, proposals: Sequence[Proposal], named: Mapping[
     That is one of the model's, or one whose name without the word is no other column's of the role.
     """
     column = proposal.column
-    family = next((word for word in _FAMILIES if word in column.parts.words), "")
+    family = next((word for word in FAMILIES if word in column.parts.words), "")
     if family != _MOTOR or not proposal.role:
         return family
     if column in named:
@@ -102,18 +106,6 @@ def _same(values: Array, others: Array) -> bool:
     return values.shape == others.shape and np.array_equal(values, others, equal_nan=True)
 
 
-def in_parts(group: Sequence[Proposal]) -> tuple[str, ...]:
-    """Labels of the numbers in cells that hold lists: joint_1 and so on, but by its name what is a part of its own beside
-    joints without a name (gripper_qpos beside joint_pos), which else would be counted among them.
-    """
-    plain = [frozenset(words(p.label)) for p in group]
-    shared = frozenset.intersection(*plain)
-    parts = ["_".join(w for w in words(p.label) if w not in shared | _OF_ANY_DRIVE and not w.isdigit()) for p in group]
-    parts = parts if "" in parts else [""] * len(parts)
-    of = [part or "joint" for part, p in zip(parts, group, strict=True) for _ in range(p.column.width)]
-    return tuple(f"{part}_{of[: i + 1].count(part)}" for i, part in enumerate(of))
-
-
 def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, Named]) -> list[Proposal]:
     """Columns without a word for their kind that are named as a joint with a position is, and more, are another signal of it.
 
@@ -123,9 +115,14 @@ def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, 
     implied = [p.role in _POSITIONS and joints.read(p.column.parts).implied for p in proposals]
     told = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in _POSITIONS and not only}
 
+    commanded = {p.label for p in proposals if p.role in _POSITIONS[1:]}
+    measured = any(role == "position" for role, _ in told)
+
     def is_other(p: Proposal) -> bool:
         if (p.role, p.label) in told:
             return True
+        if measured and commanded and p.role == "position" and p.label not in commanded and p.column not in named:
+            return True  # actual_digital_input_bits
         joint = p.column in named or any(x == p.label for _, x in told)
         return not joint and any(x in p.label and {*words(x)} < {*words(p.label)} for _, x in told)
 
@@ -139,7 +136,7 @@ def without_doubles(proposals: Sequence[Proposal]) -> list[Proposal]:
     told = {word for p in proposals if p.role.startswith("command") for word in p.column.parts.words}
     rows: dict[tuple[str, str, str], dict[tuple[str, ...], list[Proposal]]] = {}
     for p in proposals:
-        key = (p.role, p.column.table.name, next((word for word in _FAMILIES if word in p.column.parts.words), ""))
+        key = (p.role, p.column.table.name, next((word for word in FAMILIES if word in p.column.parts.words), ""))
         if p.role in _MEASURED_OF_JOINTS and p.column.width == 1:
             said = tuple(word for word in p.column.parts.words if word in joints.KINDS)
             rows.setdefault(key, {}).setdefault(said, []).append(p)
@@ -213,7 +210,7 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 def _of_a_base(column: Column) -> bool:
     plain = set(column.parts.words)
-    return any(source & plain - _OF_ANY_DRIVE for source in SOURCES) and not plain & (TOOLS | _OF_ANY_DRIVE - {"robot"})
+    return any(source & plain - OF_ANY_DRIVE for source in SOURCES) and not plain & (TOOLS | OF_ANY_DRIVE - {"robot"})
 
 
 def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -274,7 +271,7 @@ def _told_apart(labels: Sequence[str]) -> dict[str, str]:
     for end in (0, -1):
         while len(plain) > 1 and min(map(len, plain)) > 1 and len({each[end] for each in plain}) == 1:
             word = plain[0][end]
-            if word not in _OF_ANY_DRIVE and not (word.isdigit() and plain[0][end + 1] in _OF_ANY_DRIVE):
+            if word not in OF_ANY_DRIVE and not (word.isdigit() and plain[0][end + 1] in OF_ANY_DRIVE):
                 break
             plain = [each[1:] if end == 0 else each[:-1] for each in plain]
     rest = {"_".join(each): label for each, label in zip(plain, labels, strict=True)}

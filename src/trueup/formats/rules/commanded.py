@@ -53,7 +53,7 @@ def commanded(
         # What leads is a command with all of its parts.
         told["sideways"] = [s for s in kinds["sideways"] if speed and s.source == speed.source]
         names = " and ".join(s.column.name for s in (speed, turn) if s is not None)
-        said = (
+        said = () if led is None else (
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
             "says so; if this was measured, name in [channels.command] what was commanded",
         )  # fmt: skip

@@ -11,12 +11,11 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import MappingError
 from trueup.formats.mapping import ChannelColumns, ChannelMap
-from trueup.formats.rules import bases, joints
+from trueup.formats.rules import autopilots, bases, doubts, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
 from trueup.formats.rules.coherence import (
     distinct,
     family_of,
-    in_parts,
     with_common_labels,
     with_twins,
     without_doubles,
@@ -27,12 +26,14 @@ from trueup.formats.rules.coherence import (
 from trueup.formats.rules.context import in_context
 from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
+from trueup.formats.rules.lists import in_parts, without_other_lists
 from trueup.formats.rules.names import axes, stem, taken_apart, words
 from trueup.formats.rules.proposal import Proposal, own, own_words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command
+from trueup.units import are_pulses
 
 _COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
 """Words of a column that counts messages."""
@@ -60,23 +61,27 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     groups, renamed = with_common_labels(groups)
     channels = {name: _channel(group, clocks) for name, group in groups.items()}
     alike = {name: _alike(group) for name, group in groups.items()}
-    notes = _notes(channels, groups) if not parts else []
+    notes = doubts.of_joints(channels, groups) if not parts else []
     parted = {name: _channel(alike[name], clocks) for name in groups}
     sizes = Sizes(parted, {name: [p.column for p in group] for name, group in alike.items()}, clocks.main)
     sizes.settle()
     channels = {name: _with_others(part, channels[name], groups[name]) for name, part in parted.items()}
     columns_of = {name: [p.column for p in group] for name, group in groups.items()}
     more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, columns_of, clocks)
-    more += _put_aside(channels, columns_of, driven=bool(parts))
+    more += doubts.put_aside(channels, columns_of, driven=bool(parts))
+    more += autopilots.said(columns, tuple(used))
     more += ridden(columns, clocks.main) if known == () and not parts else []
     return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
 
 def _columns(tables: Sequence[Table], clocks: Clocks, known: Sequence[str]) -> list[Column]:
     """The columns with numbers, without clocks and without those that only number the rows."""
-    read_as = in_context([name for table in tables for name in table.columns], known)
+    plain = in_context([name for table in tables for name in table.columns], known)
+    read_as = autopilots.read_as(tables, plain)
     return [
-        Column(table, name, read_as[name], clocks.clock_of(table, name), table.name if len(tables) > 1 else "")
+        Column(
+            table, name, read_as[table.name, name], clocks.clock_of(table, name), table.name if len(tables) > 1 else ""
+        )
         for table in tables
         for name, values in table.columns.items()
         if name not in clocks.columns.get(table.name, ())
@@ -100,6 +105,7 @@ def _proposals(
     proposals = [_proposal(column, named.get(column), several) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
+    proposals = without_other_lists(autopilots.without_guided(proposals, columns))
     proposals = without_places(without_sensors(without_doubles(without_other_signals(proposals, named))))
     return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
@@ -114,6 +120,8 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     kind, command, sent = reading.kind, reading.command, reading.sent
     if kind == "torque" and not command and (reading.unit or column.declared) in joints.SHARES.values():
         kind = "load"  # of what a drive is rated for, which nothing here knows in N m
+    if kind == "duty" and command and are_pulses(column.known) and np.ptp(column.known) > 0.0:
+        kind = "position"  # of a servo that is told by the length of a pulse, and no limit that is set once
     if context is not None:
         kind, sent = kind or context.kind, sent or context.sent
         command = command or (context.command and not context.measured)
@@ -129,7 +137,10 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     # Voltages and temperatures are more often of the supply than of a joint, and one gain is that of all.
     of_all = kind in ("voltage", "temperature", *joints.SETTINGS) and not reading.label
     label = kind if of_all else joints.label_of(reading.label)
-    return Proposal(column, role, label if named is None else named.joint, reading.unit or column.declared)
+    unit = reading.unit or column.declared
+    if role in ("command", "command_sent") and unit in joints.SHARES.values():
+        unit = ""  # shares stay as they are: of what, is told by how joints follow them
+    return Proposal(column, role, label if named is None else named.joint, unit)
 
 
 def _own_name(column: Column) -> str:
@@ -144,13 +155,15 @@ def _groups(
     proposals: Sequence[Proposal], named: Mapping[Column, Named], *, several: bool
 ) -> dict[str, list[Proposal]]:
     """Columns by channel. A second family for a role already taken gets a name of its own."""
-    families: dict[tuple[str, str, str, str, bool], list[Proposal]] = {}
+    families: dict[tuple[str, str, str, str, bool, bool], list[Proposal]] = {}
     for p in proposals:
         column, family = p.column, family_of(p, proposals, named)
-        key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1)
+        key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1, not p.role)
         families.setdefault(key, []).append(p)
     groups: dict[str, list[Proposal]] = {}
-    for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: _rank(f[0][3], f[1])):
+    for (role, table, _, family, _, _), members in sorted(
+        families.items(), key=lambda f: (f[0][-1], *_rank(f[0][3], f[1]))
+    ):
         name = role
         if name in groups:
             first = groups[role][0].column.table.name
@@ -248,42 +261,12 @@ def _with_base(
     return list(found.notes)
 
 
-def _put_aside(
-    channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence[Column]], *, driven: bool
-) -> list[str]:
-    """Says which columns with a word for positions, speeds or torques are no joint's, as their base may be a trunk."""
-    aside = [
-        column.name for name, group in groups.items()
-        if name in channels and name not in joints.BY_KIND and not is_command(name)
-        for column in group if of_base(column) and column.width == 1 and joints.read(column.parts).kind
-    ]  # fmt: skip
-    if driven or not aside:
-        return []
-    how = "a model given with the log says so by its names, or [channels.position] with labels in the mapping"
-    return [f"{listing(aside, 6)}: taken for the pose of a base; if these are joints, {how}"]
-
-
 def _plain(
     columns: Sequence[Column], labels: tuple[str, ...], unit: str, clocks: Clocks, scale: tuple[float, ...] = (1.0,)
 ) -> ChannelColumns:
     first, names = columns[0], tuple(column.name for column in columns)
     keys = clocks.keys_of(first.table, first.clock)
     return ChannelColumns(columns=names, file=first.file, labels=labels, unit=unit, scale=scale, **keys)
-
-
-def _notes(channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence[Proposal]]) -> list[str]:
-    notes = []
-    if not any(name.split("_")[0] in ("command", *joints.BY_KIND) for name in channels):
-        found = listing(member.column.name for group in groups.values() for member in group)
-        notes.append(f"no column's name says command, position, velocity, torque or current; columns are: {found}")
-    if "command" in channels and "position" in channels:
-        command, position = channels["command"].labels, channels["position"].labels
-        if not set(command) & set(position):
-            notes.append(
-                f"command: its joints ({listing(command, 6)}) are none of position ({listing(position, 6)}): "
-                "give labels that say which is which"
-            )
-    return notes
 
 
 def _order(name: str) -> tuple[int, str]:

@@ -60,11 +60,13 @@ _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
 VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim", "prev",
             "previous", "computed", "calculated")  # fmt: skip
 """Words of a signal that stands beside a plainer one of the same joint."""
+COUNTED = re.compile(r"joint_\d+")
+"""Labels of a list that names no joints, as a bag's Float64MultiArray: of those whose positions were logged beside it."""
 PARTS = listed("joint joints motor motors")
 _NUMBERED_ID = re.compile(r"(?<![A-Za-z])id_?\d", re.IGNORECASE)
 _LOW = frozenset(["low"])
 _NOT_JOINT = TOOLS | listed(
-    "pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
+    "autopilot pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
     "success layout force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance sin cos camera "
     "extrinsics intrinsics timestamp timestamps scaling override"
 )
@@ -106,7 +108,7 @@ def read(name: Name) -> Reading:
     pushes = not kind and any(commands) and bool(_FORCES & set(plain)) and not _NOT_PUSHED & set(plain)
     if pushes:
         kind, kinds = "torque", ["torque" if word in _FORCES else k for word, k in zip(plain, kinds, strict=True)]
-    unit, where = _unit(name, kind)
+    unit, where = _unit(name, kind, share=any(commands))
     if pushes and not (name.bracketed or name.tail):
         unit = "N"
     if not kind and (told or not (AXES | {"heading"}) & set(plain[:1])):
@@ -117,7 +119,7 @@ def read(name: Name) -> Reading:
     if not kind:
         amperes = (name.bracketed or name.tail) in ("A", "mA")
         kind, kinds, implied = _by_letter(plain, kinds, current=told or amperes, position=told and not any(commands))
-        unit, where = _unit(name, kind)
+        unit, where = _unit(name, kind, share=any(commands))
     keep = _kept_words(name, kinds, commands, where)
     numbered = bool(kind) or _NUMBERED_ID.search(name.text) is not None  # id1_position is a drive's
     others = _NOT_JOINT - gain - ({"id"} if numbered else set()) - (_FORCES if pushes else set())
@@ -183,11 +185,13 @@ def _is_command(i: int, plain: Sequence[str]) -> bool:
     return word not in KINDS and _apart(word)[1] in COMMANDED
 
 
-def _unit(name: Name, kind: str) -> tuple[str, range]:
-    """The unit that a name says, and the words that say it, where it is one of the kind."""
+def _unit(name: Name, kind: str, *, share: bool) -> tuple[str, range]:
+    """The unit that a name says, and the words that say it, where it is one of the kind; positions that are commanded may be
+    told as a `share` of their range.
+    """
     if name.bracketed:
         return name.bracketed, range(0)
-    if kind in ("torque", "current", "load"):
+    if kind in ("torque", "current", "load", "duty") or (share and kind in ("", "position")):
         for i, word in enumerate(name.words):
             if word in SHARES:
                 return SHARES[word], range(i, i + 1)

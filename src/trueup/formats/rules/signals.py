@@ -69,6 +69,8 @@ RULES = (
                     "command[rad] A1 A2; position[rad] A1 A2; current[] A1 A2"),
             Example("t,Observed left_knee,Desired left_knee", "0 .1 .1|.01 .2 .1|.02 .3 .2",
                     "command[rad] left_knee; position[rad] left_knee"),
+            Example("t,pos_hip,pos_knee,cmd_hip_pct,knee_cmd [%]", "0 .1 .1 5 9|.01 .2 .1 9 8|.02 .3 .2 11 7",
+                    "command[] hip knee; position[rad] hip knee"),
             Example("duration,state.q[0],state.q_d[0]", "0 .1 .1|10 .2 .1|20 .3 .2",
                     "command[rad] joint_0; position[rad] joint_0"),
             Example("motiontime,joint_pos_0,joint_pos_des_0", "0 .1 .1|10 .2 .1|20 .3 .2",
@@ -145,6 +147,18 @@ RULES = (
             Example("t,hip_pos,hip_effort_pct", "0 .1 10|.1 .2 20|.2 .3 30", "position[rad] hip; load[%] hip"),
             Example("t,q_1,q_2,Torque_1 [%],Torque_2 [%]", "0 .1 .1 10 9|.1 .2 .1 20 9|.2 .3 .1 30 9",
                     "position[rad] joint_1 joint_2; load[%] joint_1 joint_2"),
+        ),
+        also=("",),
+    ),
+    Rule(
+        "duty", "duty, duties, dutycycle, pwm, pwms",
+        (
+            Example("t,pos_hip,duty_cmd_hip", "0 .1 5|.1 .2 9|.2 .3 16", "command_duty[] hip; position[rad] hip"),
+            Example("t,id1_present_position,id1_present_pwm,id1_goal_pwm", "0 .1 200 885|.1 .2 190 885|.2 .3 150 885",
+                    "command_duty[] id1; position[rad] id1; duty[] id1"),
+            Example("t,q_hip,pwm_cmd_pct_hip", "0 .1 5|.1 .2 9|.2 .3 16", "command_duty[%] hip; position[rad] hip"),
+            # Servos of models are told where to go by the length of a pulse.
+            Example("t,pos_hip,pwm_cmd_hip", "0 .1 1500|.1 .2 1550|.2 .3 1620", "command[] hip; position[rad] hip"),
         ),
         also=("",),
     ),

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,6 +12,7 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.formats.clock import guess_unit, seconds
 from trueup.formats.mapping import ChannelColumns, TimeColumn
+from trueup.formats.rules import joints
 from trueup.formats.rules.joints import BY_KIND
 from trueup.formats.rules.rule import Column
 from trueup.inspection.relations import factor, nearest, rate
@@ -20,8 +20,6 @@ from trueup.units import hardly_radians, to_si
 
 _TURN = 4096
 """Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""
-_COUNTED = re.compile(r"joint_\d+")
-"""Labels of a list that names no joints, as a bag's Float64MultiArray: of those whose positions were logged beside it."""
 _FILTERED = 0.5
 """Speeds between this share of the positions' rate and its inverse are in SI, filtered or late: other units are beyond."""
 _TICKS = frozenset(["counts", "ticks"])
@@ -65,6 +63,12 @@ class Sizes:
     def _position(self, name: str, counts: bool) -> None:
         largest = self._largest(name)
         ticks = any(_TICKS & set(column.parts.words) for column in self.groups[name])
+        if name != "position" and all(_is_share(column) for column in self.groups[name]):
+            self.notes.append(
+                f"{name}: percent, by its name, of what the log does not say: `trueup calibrate` looks at how joints follow; "
+                'or give unit = "rad" and scale = rad for one percent'
+            )
+            return
         related = self._beside_speed(name) or self._beside_positions(name) or self._with_speed(name, largest)
         if related:
             self._take(name, *related)
@@ -85,7 +89,8 @@ class Sizes:
             )
         else:
             self.notes.append(
-                f"{name}: unit unknown; values reach {largest:.4g}: degrees are suspected, or motors before their gears"
+                f"{name}: unit unknown; values reach {largest:.4g}: degrees are suspected, "
+                + ("or percent of a range" if name != "position" else "or motors before their gears")
             )
 
     def _take(self, name: str, unit: str, why: str) -> None:
@@ -114,18 +119,25 @@ class Sizes:
         for other in _POSITIONS:
             known = self.channels.get(other)
             if other != name and known is not None and known.unit in _ANGLES and known.scale == (1.0,):
+                sizes, si = {u: to_si(u)[1] for u in _ANGLES}, to_si(known.unit)[1]
                 times = self._common(name, other, derive=False)
-                unit = nearest(to_si(known.unit)[1] / times, {u: to_si(u)[1] for u in _ANGLES}) if times else ""
-                if unit:
-                    return unit, f"it goes with {other} in {known.unit}"
+                unit = nearest(si / times, sizes) if times else ""
+                # Shares of ranges are near a unit in some joints alone.
+                all_near = all(nearest(si / each, sizes) for each in self._factors(name, other))
+                if unit and all_near and not self._in_percent(name, unit):
+                    return unit, f"it is {times:.3g} times {other} in {known.unit}"
         return None
+
+    def _in_percent(self, name: str, unit: str) -> bool:
+        """Whether commands that would be degrees end where shares of a range do: of +-1.75 rad these are 57 for each."""
+        return unit == "deg" and name != "position" and self._largest(name) == 1.0 / to_si("%")[1]
 
     def _of_joints(self, name: str, usual: str) -> None:
         """Speeds and torques of joints whose positions are in rad are in SI, unless the positions' rate says otherwise."""
         channel, position = self.channels[name], self.channels.get("position")
         angles = position is not None and to_si(position.unit)[0] == "rad" and len(position.scale) == 1
         times = self._common(name, "position", derive=True) if angles and name == "velocity" else None
-        counted = name == "command_torque" and all(_COUNTED.fullmatch(label) for label in channel.labels)
+        counted = name == "command_torque" and all(joints.COUNTED.fullmatch(label) for label in channel.labels)
         of_known = any(counted or channel.labels == self.channels[p].labels for p in _POSITIONS if p in self.channels
                        and self.channels[p].unit in ("rad", "deg"))  # fmt: skip
         if times is not None and position is not None:
@@ -154,11 +166,13 @@ class Sizes:
 
     def _common(self, name: str, other: str, *, derive: bool) -> float | None:
         """How many times the other channel (or its rate) one is: the median over their joints; None where few agree."""
-        factors = [
-            f for pair in self._pairs(name, other) if (f := _factor(*pair, self.time, derive=derive)) is not None
-        ]
+        factors = self._factors(name, other, derive=derive)
         pairs = len(list(self._pairs(name, other)))
         return float(np.median(factors)) if factors and 2 * len(factors) > pairs else None
+
+    def _factors(self, name: str, other: str, *, derive: bool = False) -> list[float]:
+        """How many times the other channel (or its rate) one is, of each joint of which that is to be told."""
+        return [f for pair in self._pairs(name, other) if (f := _factor(*pair, self.time, derive=derive)) is not None]
 
     def _pairs(self, name: str, other: str) -> Iterator[tuple[Column, Column]]:
         """Columns of one number that are of one joint, in one table and on its main clock."""
@@ -175,6 +189,11 @@ def _are_counts(measured: Sequence[Column]) -> bool:
         return False
     lowest = min(float(column.known.min()) for column in measured)
     return lowest >= 0.0 and 2.0 * math.degrees(math.tau) < max(column.largest for column in measured) < _TURN
+
+
+def _is_share(column: Column) -> bool:
+    """Whether a command is said to be a share of something."""
+    return (joints.read(column.parts).unit or column.declared) in joints.SHARES.values()
 
 
 def _of_odrive(column: Column) -> bool:

@@ -87,10 +87,10 @@ RULES = (
                   "0 1 0 1 2 5 5|.1 1 0 1 2 5 5|.2 1 0 2 2 5 5", "command[] speed turn; position[m] x y; goal[] x y"),
           Example("t,throttle,steer,x_north_m,y_east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
                   "command[] throttle steering; position[m] x y"),), unit="m"),
-    Rule("east", "e, east, easting",
+    Rule("east", "e, east, easting, pe",
          (Example("t,throttle,steer,pos_e,pos_n,n", "0 0 0 1 2 0|.1 1 0 1 2 1|.2 1 0 2 2 2",
                   "command[] throttle steering; position[m] x y"),), unit="m"),
-    Rule("north", "n, north, northing", (Example("t,throttle,steer,E,N,psi", "0 0 0 1 2 .1|.1 1 0 1 2 .1|.2 1 0 2 2 .2",
+    Rule("north", "n, north, northing, pn", (Example("t,throttle,steer,E,N,psi", "0 0 0 1 2 .1|.1 1 0 1 2 .1|.2 1 0 2 2 .2",
                                          "command[] throttle steering; position[m] x y; heading[rad] heading"),), unit="m"),
     Rule("latitude", "lat, latitude", (Example("t,throttle,steer,gps_lat,gps_lon", "0 0 0 48 11|.1 1 0 48 11|.2 1 0 49 11",
                                        "command[] throttle steering; position[deg] latitude longitude"),),
@@ -148,7 +148,7 @@ _CORES: Mapping[frozenset[str], str] = MappingProxyType(
     {frozenset(core.split()): rule.kind for rule in RULES for core in rule.names.split(", ")}
 )
 
-_ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick rc")
+_ASKED = COMMANDED | listed("input ackermann teleop guidance nav user pilot joy joystick rc")
 _WHOSE = (
     _ASKED
     | PLAINLY_MEASURED
@@ -160,7 +160,7 @@ _WHOSE = (
         "sent norm normalized ticks tick angle ratio value percentage data msg stamped twist vesc sensors sensor core "
         "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
         "csv npz topic inferred imu raw body fix navsat apriltag tag aruco marker beacon lidar tracker tracked tracking "
-        "field location ned rb rigid ego agent hero player actuator actuators"
+        "line controller output field location ned rb rigid ego agent hero player actuator actuators"
     )
 )
 _IF_ASKED: Mapping[frozenset[str], str] = MappingProxyType(

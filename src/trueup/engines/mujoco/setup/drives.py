@@ -108,11 +108,13 @@ def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = F
     if len(silent) == len(recordings) and not refused and not all(drives_off(r) for r in silent):
         drives = {a: j for j, a in model.drives().items() if a}
         way = ("command_torque]", "N m") if motors else ("command]", "rad")
+        open_loop = [n for n in ("command_duty", "command_voltage") if any(r.has(n) for r in silent)]
+        not_taken = f"{' and '.join(open_loop)}: duties and voltages of motors are not simulated. " if open_loop else ""
         seen = dict.fromkeys(f"{c.name} ({', '.join(c.labels)})" for r in silent for c in r.channels.values())
         raise RecordingError(
             f"no command in {names}: nothing says what the drives of model '{model.path.name}' "
-            f"({', '.join(drives) or 'of no single joint'}) did. Channels seen: {'; '.join(seen)}. Name the columns that "
-            f'commanded them in the mapping: [channels.{way[0]} columns = ["..."], '
+            f"({', '.join(drives) or 'of no single joint'}) did. Channels seen: {'; '.join(seen)}. {not_taken}Name the "
+            f'columns that commanded them in the mapping: [channels.{way[0]} columns = ["..."], '
             f'labels = {dumps(list(drives.values()))}, unit = "{way[1]}". If nothing drove the robot, give a model without '
             f"actuators, or log {ENABLED} as 0"
         )
