@@ -13,7 +13,7 @@ import pytest
 from trueup.calibration import Calibration, Estimate
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
-from trueup.proportion import Proportion
+from trueup.proportion import Proportion, proportion_of
 from trueup.recording import Channel, Recording
 
 JOINTS = ("shoulder", "elbow")
@@ -89,3 +89,21 @@ def test_motors_that_each_have_a_constant_of_their_own_say_nothing_of_masses(
     assert bool(notes) == alike
     assert (told[-1].verdict == "tied") == alike
     assert (told[-1].high > 6.9) == alike
+
+
+@pytest.mark.parametrize(
+    ("lines", "bodies"),
+    [
+        ('quantity = "gain"|quantity = "damping"', ("upper", "lower")),
+        ('quantity = "gain"|quantity = "mass"\nof = "lower"', ("upper",)),
+        ('quantity = "gain"|quantity = "mass"', ()),
+        ('quantity = "gain"\nof = "elbow"|quantity = "damping"', None),  # the shoulder's torque tells what all weighs
+        ('quantity = "damping"', None),
+    ],
+)
+def test_masses_are_the_measure_where_no_torque_is(tmp_path: Path, lines: str, bodies: tuple[str, ...] | None) -> None:
+    (file := tmp_path / "arm.xml").write_text(_arm(1.0))
+    (declared := tmp_path / "parameters.toml").write_text("".join(f"[[parameter]]\n{x}\n" for x in lines.split("|")))
+    simulator = prepare(file, [_log(1.0, 0)], parameters=declared).simulator
+    shown = proportion_of(simulator, simulator.parameters)
+    assert (None if shown is None else shown.bodies) == bodies
