@@ -29,6 +29,30 @@ def _arm(times: float) -> str:
     <actuator><motor name="shoulder" joint="shoulder"/><motor name="elbow" joint="elbow"/></actuator></mujoco>"""
 
 
+def _hopper(times: float) -> mujoco.MjModel:
+    text = "".join(f"""<body name="{side}" pos="{x} 0 0"><joint name="{side}" axis="0 1 0" damping="{0.1 * times}"
+    frictionloss="{0.2 * times}" armature="{0.01 * times}"/><geom type="capsule" fromto="0 0 0 {0.1 * np.sign(x)} 0 -0.3"
+    size="0.02" mass="{0.8 * times}"/></body>""" for side, x in (("front", 0.2), ("back", -0.2)))  # fmt: skip
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="0.001"/><worldbody><geom type="plane" size="1 1 1"
+    friction="0.6"/><body pos="0 0 0.33"><freejoint/><geom type="box" size="0.25 0.1 0.05" mass="{5.0 * times}"/>{text}</body>
+    </worldbody><actuator><motor joint="front"/><motor joint="back"/></actuator></mujoco>""")
+
+
+def test_a_robot_on_a_floor_moves_alike_with_all_masses_friction_and_torques_as_many_times_as_large() -> None:
+    ends = []
+    for times in (1.0, 1.4):
+        model = _hopper(times)
+        data, moved = mujoco.MjData(model), 0.0
+        for _ in range(500):
+            data.ctrl[:] = times * np.array([2.0, -1.5]) * np.sin(20.0 * data.time)
+            mujoco.mj_step(model, data)
+            moved = max(moved, float(np.abs(data.qvel[6:]).max()))
+        assert data.ncon
+        assert moved > 0.5  # rad/s
+        ends.append(data.qpos.copy())
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)
+
+
 def _log(times: float, seed: int) -> Recording:
     rng, model = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(_arm(times))
     data, time = mujoco.MjData(model), np.arange(0.0, 6.0, 0.01)
