@@ -16,7 +16,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Estimate
+from trueup.calibration import Estimate
 from trueup.errors import listed
 from trueup.evidence import STANDARD_ERRORS
 from trueup.parameters import ParameterSpace
@@ -39,56 +39,49 @@ class Proportion:
     """Times that a mass may be what the file says."""
 
     def common(self, estimates: Sequence[Estimate]) -> tuple[float, float] | None:
-        """Natural logarithm of what all factors have in common, and its standard error, where that is shown not to be one
-        and masses can make up for it; None elsewhere. Motors that differ as much from one another have constants of their
-        own.
+        """Natural logarithm of what all factors have in common, and half of its interval; None where masses cannot make up
+        for it, or motors differ from one another as much: these have constants of their own.
         """
         found = [e for e in estimates if e.name in self.factors]
         if not self.bodies or not found or not all(e.fitted and e.low > 0.0 for e in found):
             return None
         logs = np.log([e.value for e in found])
-        own = np.log([e.high / e.low for e in found]) / (2.0 * NORMAL_95)
-        among = float(np.var(logs, ddof=1)) / len(logs) if len(logs) > 1 else 0.0
-        mean, error = float(np.mean(logs)), float(np.sqrt(among + np.mean(own**2)))
-        return (mean, error) if STANDARD_ERRORS * error < abs(mean) < np.log(self.most) else None
+        mean, among = float(np.mean(logs)), float(np.std(logs, ddof=1)) / len(logs) ** 0.5 if len(logs) > 1 else 0.0
+        # One mass too few moves all factors alike: their own errors do not average out.
+        own = float(np.sqrt(np.mean([_half(e) ** 2 for e in found])))
+        shown = STANDARD_ERRORS * among < abs(mean) < np.log(self.most)
+        return (mean, float(np.hypot(STANDARD_ERRORS * among, own))) if shown else None
 
-    def times(self, estimates: Sequence[Estimate]) -> dict[str, Array] | None:
-        """How many times as large each may be if the torques are what was logged: (2,) least and most by the parameter's
-        name; None where nothing says that factors are masses.
+    def applied(self, estimates: Sequence[Estimate]) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
+        """Estimates that hold whether the masses or the torques are right, with words where that rules; and a note where
+        both cannot be.
         """
         common = self.common(estimates)
         if common is None:
-            return None
-        mean, error = common
-        about = np.exp(-mean + STANDARD_ERRORS * error * np.array([-1.0, 1.0]))
-        # What a drive takes grows with the torque of its own motor, which may be off by itself, too.
-        each = {e.name: np.array([*about, 1.0 / e.low, 1.0 / e.high]) for e in estimates if e.name in self.factors}
-        every = np.concatenate(list(each.values()))
-        ends = {name: each.get(own, every) for name, own in self.of.items()}
-        return {name: np.array([t.min(), t.max()]) for name, t in ends.items()}
-
-    def applied(self, estimates: Sequence[Estimate]) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
-        """Estimates that hold whether the masses or the torques are right, with words where that rules; and a note."""
-        times = self.times(estimates)
-        if times is None:
             return tuple(estimates), ()
-        return tuple(self._either(e, times[e.name]) if e.name in times else e for e in estimates), (
-            self._said(estimates),
-        )
+        (mean, half), each = common, {e.name: e for e in estimates if e.name in self.factors}
+        told = []
+        for e in estimates:
+            if e.fitted and e.value > 0.0 and e.name in self.of:
+                # What a drive takes is known beside the torque of its own motor, which may be off by itself, too.
+                drive = each.get(self.of[e.name])
+                logs, more = ([mean], half) if drive is None else ([mean, np.log(drive.value)], _half(drive))
+                e = self._either(e, np.exp(-np.array(logs)), more)
+            told.append(e)
+        return tuple(told), (self._said(estimates),) if abs(mean) > half else ()
 
-    def _either(self, e: Estimate, times: Array) -> Estimate:
-        if not e.fitted or not e.value > 0.0:
-            return e
-        ends = e.low * times.min(), e.high * times.max()
-        low, high = max(min(e.low, ends[0]), e.lower_bound), min(max(e.high, ends[1]), e.upper_bound)
-        wide = replace(e, low=float(low), high=float(high))
+    def _either(self, e: Estimate, times: Array, half: float) -> Estimate:
+        """An estimate that may be so many times as large, each with half of an interval on a log scale."""
+        down, up = (float(np.hypot((end - e.value) / e.value, half)) for end in (e.low, e.high))
+        low = min(e.low, max(e.value * float(times.min()) * (1.0 - down), e.lower_bound))
+        high = max(e.high, min(e.value * float(times.max()) * (1.0 + up), e.upper_bound))
+        wide = replace(e, low=low, high=high)
         if e.verdict not in ("identified", "weak") or not high - low > _RULES * (e.high - e.low):
             return wide
-        other = 1.0 if e.name in self.factors else e.value * float(np.mean(times))
         note = (
             f"{e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip()
-            + f" if the masses in the file are right ({listed(self.bodies)}), about {other:.4g} if the torques are what was "
-            "logged"
+            + f" if the masses in the file are right ({listed(self.bodies)}), about {e.value * float(times[-1]):.4g} if the "
+            "torques are what was logged"
         )
         return replace(wide, verdict="tied", note=note)
 
@@ -102,6 +95,11 @@ class Proportion:
             f"these bodies are about {times:.3g} times as heavy, and masses, friction, damping and inertia that were found "
             "as many times as large. Weigh one of them, and correct the file"
         )
+
+
+def _half(e: Estimate) -> float:
+    """Of an interval, on a log scale."""
+    return 0.5 * float(np.log(e.high / e.low))
 
 
 @runtime_checkable
