@@ -45,6 +45,7 @@ NOUNS = (
     "paths",
     "calibration",
     "verdicts",
+    "proportion",
     "inspection",
     "formats",
     "film",

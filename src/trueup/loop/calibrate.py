@@ -40,6 +40,7 @@ from trueup.loop.uncertainty import as_wide_as_seen, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
 from trueup.parameters import ParameterSpace
+from trueup.proportion import proportion_of
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
 
@@ -217,12 +218,16 @@ def _findings(
     others = (*rivals(problem, found), *held_open(problem, found, untold, open_))
     wide = widened(with_structure(estimates, lacking), others)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
+    told = doubted(with_ties(wide, considered(problem, found, covariance), limits), others)
+    measured = any("torque" in t.observed for t in problem.trials)
+    grown = None if measured else proportion_of(problem.simulator, found.space)
+    told, masses = (told, ()) if grown is None else grown.applied(told)
     return {
         "model_name": problem.simulator.name,
-        "estimates": doubted(with_ties(wide, considered(problem, found, covariance), limits), others),
+        "estimates": told,
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (*cut, found.ended, *notes),
+        "notes": (*cut, found.ended, *notes, *masses),
         "lacking": lacking.words() if lacking else "",
         "lacked": lacking.lacked(p.name for p in found.space.parameters if not p.frozen) if lacking else None,
     }  # fmt: skip

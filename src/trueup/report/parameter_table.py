@@ -15,7 +15,7 @@ from trueup.report.parts import caption, chip, empty, facts, table
 
 VERDICTS = {
     "identified": "these recordings determine it within the interval",
-    "tied": "only the combination named beside it is determined: how it is shared is not seen",
+    "tied": "only the combination named beside it is determined, not how it is shared; or its ratio to masses",
     "effective": "replays best, but stands for something too that the model lacks",
     "weak": "only roughly determined: the interval is wide",
     "at bound": "the fit stopped at a bound: widen the bounds, or doubt the model",

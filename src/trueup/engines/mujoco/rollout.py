@@ -15,6 +15,7 @@ from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment, acts_in_each_step, needs
 from trueup.articulated.declarations import Declaration, alike, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
+from trueup.articulated.proportion import proportion
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import joints_commanded
@@ -33,6 +34,7 @@ from trueup.engines.mujoco.wiring import actuators_of, source_of
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
+from trueup.proportion import Proportion
 from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
 from trueup.trial import STEP, Trial, command_of
@@ -132,6 +134,10 @@ class MujocoSimulator:
                 names = {name: declare(self.model, lines)[0].names for name, lines in group.items()}
                 found.append((simulator, names))
         return found
+
+    def proportion(self, space: ParameterSpace) -> Proportion | None:
+        """See `trueup.proportion.Weighed`."""
+        return proportion(self.model, space, self.quantities)
 
     def _with(self, lines: Sequence[Declaration]) -> MujocoSimulator | None:
         """The same with further parameters behind its own, where it can have any."""

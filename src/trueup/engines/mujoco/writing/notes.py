@@ -15,7 +15,6 @@ from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.base import free_joint, spared
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.errors import listed
 from trueup.noise import spread
 
 DELAY = "actuator.delay"
@@ -186,8 +185,6 @@ def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[
     seen = {r.channel for r in calibration.replays} | {r.unit for r in calibration.replays}
     kinds = dict.fromkeys(q.kind for q in simulator.quantities if q.kind in _RELATIVE)
     masses = any(q.quantity.family == "body" for q in simulator.quantities)
-    if factors := _by_factors(simulator, calibration.values):
-        return (factors,)
     if not servos or not kinds or masses or seen & {*forces, "N m"}:
         return ()
     note = (
@@ -198,25 +195,6 @@ def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[
         "--channels position,torque"
     )
     return (note + _by_the_gains(simulator, calibration.values),)
-
-
-def _by_factors(simulator: MujocoSimulator, values: Array) -> str:
-    """What factors on the torques of all motors say of masses that are taken as right, if these can be; "" for nothing."""
-    model, searched = simulator.model, {x for q in simulator.quantities if q.kind == "mass" for x in q.targets}
-    found = [float(v) for q, v in zip(simulator.quantities, values, strict=True) if q.kind == "gain" for _ in q.targets]
-    other = [name for name in model.names("body")[1:] if name and name not in searched]
-    low, high = (min(found), max(found)) if found else (1.0, 1.0)
-    # Apart by no more than such masses are from one another: motors that each have their own are another matter.
-    alike = high < (1.0 + 2.0 * _ALIKE) * low
-    times = 1.0 / np.sqrt(low * high)
-    if not other or not alike or abs(np.log(times)) < _ALIKE:
-        return ""
-    return (
-        f"factors on the motors' torques, {low:.3g} to {high:.3g}, are in proportion to the masses in the file that are not "
-        f"searched ({listed(other)}), and so is what else of force and inertia was found; intervals take these as right. If "
-        f"the torques are what was logged, these bodies are about {times:.3g} times as heavy, and masses, friction, damping "
-        "and inertia that were found as many times as large. Weigh one of them, and correct the file"
-    )
 
 
 def _by_the_gains(simulator: MujocoSimulator, values: Array) -> str:
