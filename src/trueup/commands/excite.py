@@ -140,8 +140,10 @@ def _gravity(args: argparse.Namespace) -> tuple[tuple[float, ...] | None, list[s
     if not args.after:
         return None, []
     from trueup.identification.model_file import load_tree
-    from trueup.identification.torque_model import load
+    from trueup.identification.torque_model import FILE, load
 
+    if not (Path(args.after) / FILE).is_file():  # errors alone were handed on
+        return None, []
     found = load(args.after).tree.gravity
     if np.array_equal(found, load_tree(args.model).gravity):
         return None, []
