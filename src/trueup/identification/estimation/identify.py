@@ -45,6 +45,7 @@ from trueup.identification.estimation.selection import (
     Choice,
     select_pull,
 )
+from trueup.identification.estimation.warming import changed_friction
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.diagnosis import check_refused
 from trueup.inspection.outstanding import NAME
@@ -116,6 +117,7 @@ def identify(
     warnings += coupling_notes(coupling, gears)
     based, leans = as_it_leans(tree, lambda on: model(on, coupling), 1.0 / cutoff, wanted.refuse)
     warnings += [*leans, *own_scales(model(based, coupling), lambda: scaled(based, coupling).model(), 1.0 / cutoff)]
+    warnings += changed_friction(model(based, coupling), 1.0 / cutoff)
     pool, nominal, alignment, (pieces, carried, moments, choice) = model(based, coupling)
     say("estimating")
     estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)
