@@ -100,6 +100,7 @@ def test_via_points_keep_the_tool_in_its_box(arm: Path) -> None:
         (["--via-points", "6"], "needs a region"),
         (["--floor", "low"], "choices are auto, none, or a height"),
         (["--duration", "-3"], "a number above 0 is needed"),
+        (["--gravity", "nan", "0", "0"], "three finite numbers are needed"),
         (["--region", "nowhere.toml"], "no such file"),
         (["--limits", "limits.toml"], "joint 'bnd' is not in the model"),
         (["--region", "far.toml"], "no posture reaches the middle of the box"),
@@ -125,6 +126,41 @@ def test_a_limits_file_is_kept(arm: Path) -> None:
     table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
     assert np.abs(table["vel_bend"]).max() <= 0.5
     assert max(np.abs(table[f"acc_{j}"]).max() for j in ("turn", "lift", "bend")) <= 3.0
+
+
+def test_an_arm_on_a_wall_keeps_its_torque_limits_there(arm: Path) -> None:
+    """`turn` carries weight on a wall only, where it takes more than an upright arm's motion does."""
+    from trueup.identification.model_file import load_tree
+    from trueup.identification.regressors import inverse_dynamics
+
+    arm.write_text(arm.read_text().replace('"-80 80"', '"-25 25"'))
+    out = arm.parent / "out"
+    args = ["excite", str(arm), "--out", str(out), "--duration", "8", "--motion", "fourier", "--budget", "1", "-q"]
+    assert main([*args, "--gravity", "9.81", "0", "0"]) == 0
+    (recording,) = read(out / "trajectory.csv")
+    wall = load_tree(arm).replace(gravity=(9.81, 0.0, 0.0))
+    q, qd, qdd = (recording.channel(c).select(wall.joints).values for c in ("position", "velocity", "acceleration"))
+    torque = np.abs(inverse_dynamics(wall, wall.weighed(), q, qd, qdd)).max(axis=0)
+    assert (torque <= [25.0, 90.0, 40.0]).all()
+    told = json.loads((out / "trajectory.json").read_text())
+    assert np.allclose(told["taken"]["peak"], torque, rtol=0.02)
+
+
+def test_gravity_in_other_units_is_said(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = [
+        "excite",
+        str(arm),
+        "--out",
+        str(arm.parent / "out"),
+        "--duration",
+        "6",
+        "--motion",
+        "fourier",
+        "--budget",
+        "1",
+    ]
+    assert main([*args, "--gravity", "0", "0", "-1"]) == 0
+    assert "on Earth it is 9.81, in that direction --gravity 0 0 -9.81" in " ".join(capsys.readouterr().err.split())
 
 
 def test_no_arm_jumps_between_the_passes_of_a_motion(arm: Path) -> None:

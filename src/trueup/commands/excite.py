@@ -17,6 +17,7 @@ from rich.markup import escape
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, tell
 from trueup.commands.excite_summary import limits_table, show, taken
+from trueup.commands.mounting import add_gravity, in_words, strange
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared, typed
 from trueup.errors import IdentificationError, MissingExtraError
@@ -88,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="times the nominal torque that drives give for short times; the root mean square stays "
                              "below the nominal one (default: 1, the model's torque is a limit)")  # fmt: skip
     parser.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move")
+    add_gravity(parser, " (default: as --after found it, or the model has it)")
     parser.add_argument(
         "--margin", type=float, default=2.0, metavar="CM", help="least clearance (default: %(default)s cm)"
     )
@@ -102,11 +104,12 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     from trueup.excitation.excite import excite
     from trueup.excitation.expectation import densities_of, expectations
 
-    problem = _problem(args)
+    gravity, odd = _gravity(args)
+    problem = _problem(args, gravity)
     density = densities_of(args.after, problem.criterion.model.tree.joints) if args.after else None
     folder = free_folder(Path(args.out), lambda at: args.force or not any((at / f).exists() for f in _FILES))
     moved = [f"results go to {folder}"] if folder != Path(args.out) else []
-    notes(told, (*problem.notes, *moved), quiet=args.quiet)
+    notes(told, (*odd, *problem.notes, *moved), quiet=args.quiet)
     try:
         with _progress(told, args.budget, quiet=args.quiet) as watcher:
             outcome = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
@@ -130,7 +133,24 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     return 0
 
 
-def _problem(args: argparse.Namespace) -> ExcitationProblem:
+def _gravity(args: argparse.Namespace) -> tuple[tuple[float, ...] | None, list[str]]:
+    """Gravity as it was given, or as an earlier identification of this arm had it; None where the model says; and notes."""
+    if args.gravity is not None:
+        return tuple(args.gravity), strange(args.gravity)
+    if not args.after:
+        return None, []
+    from trueup.identification.model_file import load_tree
+    from trueup.identification.torque_model import FILE, load
+
+    if not (Path(args.after) / FILE).is_file():  # errors alone were handed on
+        return None, []
+    found = load(args.after).tree.gravity
+    if np.array_equal(found, load_tree(args.model).gravity):
+        return None, []
+    return tuple(map(float, found)), [f"gravity is {in_words(found)}, as {args.after} was identified with (--gravity)"]
+
+
+def _problem(args: argparse.Namespace, gravity: tuple[float, ...] | None) -> ExcitationProblem:
     """The arm, its limits and what is asked for. Raises IdentificationError for arguments that do not go together."""
     from trueup.excitation.problem import Asked, clearance_for, excitation_problem
 
@@ -153,6 +173,7 @@ def _problem(args: argparse.Namespace) -> ExcitationProblem:
     asked = Asked(
         motion, args.region, args.limits, args.peak, tuple(args.lock), args.via_points or 6, args.speed, args.duration,
         args.criterion or "D", args.friction or "with", args.margin / 100.0, args.rate, args.budget, args.seed,
+        gravity,
     )  # fmt: skip
     height = _height(args.floor)
     return excitation_problem(args.model, asked, lambda joints: clearance_for(args.model, joints, height))

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, tell
+from trueup.commands.mounting import add_gravity, mounted
 from trueup.commands.sources import SHARE, add_shared, given, made_by, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping
@@ -72,8 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move: welded at zero"
     )
-    parser.add_argument("--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"),
-                        help="acceleration of gravity in the base frame, m/s^2, for an arm on a wall or ceiling")  # fmt: skip
+    add_gravity(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the filter (default: from the motion)")
     parser.add_argument("--align", default="auto", metavar="S",
                         help="shift of torque against position: auto (corrected where certain), off, or seconds")  # fmt: skip
@@ -105,9 +105,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     options, names = _options(args)
     rated = None if args.rate is None else (lambda mapping: _with_rate(mapping, args.rate))
     training, held_out, found = given(args, told, hold_out=names, rated=rated, driven=False)
-    whole = load_tree(args.model)
-    if args.gravity is not None:
-        whole = whole.replace(gravity=args.gravity)
+    whole, odd = mounted(load_tree(args.model), args.gravity)
     tree, (training, held_out), said = matched(whole, (training, held_out), args.torque, args.lock)
     drives = Drives.load(args.drives, whole.joints) if args.drives else Drives.direct(whole.joints)
     drives = drives.only(tree.joints)  # a file of all drives serves logs of some joints too
@@ -116,7 +114,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         said = (*said, *more)
     folder = free_folder(Path(args.out), lambda at: _free(at, Path(args.model), force=args.force))
     elsewhere = [f"results go to {folder}"] if folder != Path(args.out) else []
-    notes(told, (*found, *said, *elsewhere), quiet=args.quiet)
+    notes(told, (*odd, *found, *said, *elsewhere), quiet=args.quiet)
     progress = None if args.quiet else (lambda stage, share: tell(told, f"  {stage}"))
     result = identify(tree, training, held_out, drives=drives, options=options, told=progress)
     delivered, more = _write(args, result, folder)

@@ -50,6 +50,8 @@ class Asked:
     rate: float = RATE
     budget: float = 20.0
     seed: int = 0
+    gravity: tuple[float, ...] | None = None
+    """(3,) m/s^2 in the base frame; None: as the model has it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +82,8 @@ def excitation_problem(
 
     Raises ModelError and UnknownNameError.
     """
-    tree, notes = _arm(load_tree(path), asked.lock)
+    whole = load_tree(path)
+    tree, notes = _arm(whole if asked.gravity is None else whole.replace(gravity=asked.gravity), asked.lock)
     limits = JointLimits.of(tree)
     if asked.limits:
         limits = limits.from_file(asked.limits)

@@ -70,6 +70,19 @@ def laden(arms: SimpleNamespace, k: int, mass: float) -> Recording:
     return recording.with_channel(torque.replace(values=torque.values + inverse_dynamics(tree, load, *motion)))
 
 
+@pytest.mark.parametrize("mass", [1.0, 2.0])
+def test_a_load_in_one_of_many_recordings_is_named_though_it_hardly_spoils_the_others(
+    arms: SimpleNamespace, mass: float
+) -> None:
+    several, load = runs(arms, 5), laden(arms, 5, mass)
+    found = identify(arms.arm(), [*several, load], options=FAST)
+    (said,) = (w for w in found.warnings if "another load" in w)
+    assert said.startswith("recording 'run5' carried")
+    told = re.search(r"with (\S+) \+- (\S+) kg more", said)
+    assert told
+    assert abs(float(told[1]) - mass) < 2.0 * float(told[2]) < 0.1
+
+
 @pytest.mark.parametrize("held_out", [False, True])
 def test_a_recording_with_a_load_of_its_own_is_named_with_its_mass(arms: SimpleNamespace, held_out: bool) -> None:
     (first, second), load = runs(arms, 2), laden(arms, 2, 4.0)

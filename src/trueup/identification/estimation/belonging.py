@@ -90,8 +90,13 @@ def strangers(
     blocks = _Blocks(parts, active, power)
     out = _apart(blocks)
     if not out:
-        return _in_between(names, replace(blocks, count=_FINER * TIME_BLOCKS), body, link, weighed=weighed)
-    return [_with_load(names, blocks, out, body, link, weighed=weighed) or _said(names, blocks, out)]
+        one = _one_laden(names, blocks, body, link, weighed=weighed)
+        return one or _in_between(names, replace(blocks, count=_FINER * TIME_BLOCKS), body, link, weighed=weighed)
+    blamed = _to_blame(blocks, out)
+    loads = (
+        _with_load(names, blocks, k, body, link, weighed=weighed) for k in dict.fromkeys((tuple(out), tuple(blamed)))
+    )
+    return [next(filter(None, loads), "") or _said(names, blocks, blamed)]
 
 
 def _apart(blocks: _Blocks) -> list[int]:
@@ -111,10 +116,44 @@ def _apart(blocks: _Blocks) -> list[int]:
     return []
 
 
+def _to_blame(blocks: _Blocks, out: Sequence[int]) -> list[int]:
+    """Those of recordings that were left out together which alone make the others foretold much worse; all where none does.
+
+    Where a base leans too, or the model lacks something else, errors may have to lose more than the one of another load.
+    """
+    rest = ~np.isin(blocks.owner, out)
+    without = blocks.foretold(blocks.plain, rest)[0]
+
+    def worse(k: int) -> bool:
+        among = rest | (blocks.owner == k)
+        return Suspicion("", (blocks.foretold(blocks.plain, among)[0][rest[among]],), (without,)).likely
+
+    return [k for k in out if worse(k)] or list(out)
+
+
+def _one_laden(names: Sequence[str], blocks: _Blocks, body: Integers, link: str, *, weighed: bool) -> list[str]:
+    """What to say of one recording with a load that spoils the others too little to be missed there; [] without one."""
+    if len(names) < 2:
+        return []
+    everything = np.ones(len(blocks.owner), dtype=bool)
+    errors = [blocks.foretold(blocks.moments([k], body), everything)[0].sum() for k in range(len(names))]
+    said = _with_load(names, blocks, [int(np.argmin(errors))], body, link, weighed=weighed, little=True)
+    return [said] if said else []
+
+
 def _with_load(
-    names: Sequence[str], blocks: _Blocks, out: Sequence[int], body: Integers, link: str, *, weighed: bool
+    names: Sequence[str],
+    blocks: _Blocks,
+    out: Sequence[int],
+    body: Integers,
+    link: str,
+    *,
+    weighed: bool,
+    little: bool = False,
 ) -> str:
-    """What to say where a load at the last link explains what is different; nothing where it does not."""
+    """What to say where a load at the last link explains what is different; nothing where it does not. A `little` one needs
+    to explain its own recordings alone, and its mass must be certain.
+    """
     everything = np.ones(len(blocks.owner), dtype=bool)
     before = blocks.foretold(blocks.plain, everything)[0]
     moments = blocks.moments(out, body)
@@ -122,13 +161,15 @@ def _with_load(
     of, apart = np.isin(blocks.owner, out), np.empty_like(before)
     for part in (of, ~of):
         apart[part] = blocks.foretold(blocks.plain, part)[0]
-    halved = (Suspicion("", (before[part],), (after[part],)).likely for part in (of, ~of))
+    halved = (Suspicion("", (before[part],), (after[part],)).likely for part in ((of,) if little else (of, ~of)))
     if not all(halved) or Suspicion("", (after,), (apart,)).likely:  # what else differs matters more
         return ""
     at = len(blocks.active)
     masses = each[:, at] / max(float(moments.scale[at]), TINY)
     mass, doubt = float(masses.mean()), half_interval(len(masses)) * float(jackknife(masses))
     more = f"{abs(mass):.3g} +- {doubt:.2g} kg more" if weighed and doubt < abs(mass) else "a body of its own"
+    if little and not doubt < abs(mass):
+        return ""
     laden = out if mass > 0.0 else [k for k in range(len(names)) if k not in out]
     return (
         f"{_recordings(names, laden)} carried another load than the others: with {more} at {link} the error of all "

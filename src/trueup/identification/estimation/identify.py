@@ -40,10 +40,12 @@ from trueup.identification.estimation.pool import (
 )
 from trueup.identification.estimation.quick import doubts, measured_speed
 from trueup.identification.estimation.result import Identification
+from trueup.identification.estimation.scales import own_scales
 from trueup.identification.estimation.selection import (
     Choice,
     select_pull,
 )
+from trueup.identification.estimation.warming import changed_friction
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.diagnosis import check_refused
 from trueup.inspection.outstanding import NAME
@@ -104,6 +106,7 @@ def identify(
     say("computing regressors")
     motions, others = ([log.motion(cutoff, measured_speed=measured) for log in group] for group in (logs, judged))
     prepared = _preparing(logs, motions, others, cutoff, wanted)
+    scaled = _preparing(logs, motions, others, cutoff, replace(wanted, gains=True))
     model = cache(lambda tree, drives: prepared(tree, drives).model())
     coupling = coupled(motions, tree, gears, cutoff, wanted.hold_out)
     say("comparing clocks")
@@ -113,7 +116,8 @@ def identify(
     coupling = confirmed(coupling, gears, cache(lambda drives: left_out(model(tree, drives))))
     warnings += coupling_notes(coupling, gears)
     based, leans = as_it_leans(tree, lambda on: model(on, coupling), 1.0 / cutoff, wanted.refuse)
-    warnings += leans
+    warnings += [*leans, *own_scales(model(based, coupling), lambda: scaled(based, coupling).model(), 1.0 / cutoff)]
+    warnings += changed_friction(model(based, coupling), 1.0 / cutoff)
     pool, nominal, alignment, (pieces, carried, moments, choice) = model(based, coupling)
     say("estimating")
     estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)

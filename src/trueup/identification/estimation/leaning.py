@@ -14,13 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.evidence import Evidence, half_interval, jackknife, without_each
+from trueup.evidence import Evidence, half_interval, jackknife
+from trueup.identification.estimation.beside_choice import (
+    left_out_errors,
+    links_of,
+    solved,
+    solved_without_each,
+    with_columns,
+)
 from trueup.identification.estimation.modelled import Modelled, fitted_blocks
-from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, solve
+from trueup.identification.estimation.moments import Moments, moments_of
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.estimation.quick import FURTHEST
-from trueup.identification.estimation.selection import Choice, compared, cross_validated
+from trueup.identification.estimation.selection import Choice, compared
 from trueup.identification.kinematic_tree import KinematicTree, exponential
 from trueup.identification.regressors import inverse_dynamics
 from trueup.identification.rows import Rows
@@ -158,13 +165,13 @@ def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice, *, le
         return None
     axes = np.linalg.svd(tree.gravity[None])[2][1:]
     fitted = [p for p in pieces if not p.held_out]
-    links = _links(pool, moments_of(cut(fitted)), choice)
+    links = links_of(pool, moments_of(cut(fitted)), choice)
 
     def further(motion: Motion) -> Array:
         made = _ripples(tree, motion), _zeros(tree, links, motion), _slopes(tree, links, axes, motion)
         return np.concatenate(made, axis=2)
 
-    moments = moments_of(cut(_with_columns(fitted, active, further)))
+    moments = moments_of(cut(with_columns(fitted, active, further)))
     last = len(moments.scale)
     level, zeros = np.arange(last - 2 - tree.n), np.arange(last - 2 - tree.n, last - 2)
     own = np.arange(np.count_nonzero(choice.active))
@@ -173,7 +180,7 @@ def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice, *, le
         return None
     masks = [level, np.append(level, zeros)]
     masks += [np.append(each, told.columns) for each in masks]
-    plain, other, alone, both = _errors(told.moments, choice, masks)
+    plain, other, alone, both = left_out_errors(told.moments, choice, masks)
     return Lean(
         told.along @ axes, axes.T @ told.covariance @ axes, len(moments.count), compared(alone, plain), compared(both, other),
         compared(other, alone),
@@ -195,7 +202,7 @@ class _Told:
 def _told(moments: Moments, choice: Choice, beside: Integers) -> _Told | None:
     """The directions of a turn, of which the last two columns are, that are known to better than `FURTHEST`."""
     last = len(moments.scale) - 2 + np.arange(2)
-    each = _without_each(moments, choice, np.append(beside, last))[:, -2:]
+    each = solved_without_each(moments, choice, np.append(beside, last))[:, -2:]
     deviations = (each - each.mean(axis=0)) * np.sqrt((len(each) - 1) / len(each))
     sizes, across = np.linalg.eigh(deviations.T @ deviations)
     sure = half_interval(len(each)) * np.sqrt(sizes) < FURTHEST
@@ -204,9 +211,9 @@ def _told(moments: Moments, choice: Choice, beside: Integers) -> _Told | None:
     turned, known = _turned(moments, last, across), int(sure.sum())
     used = np.append(beside, last[sure])
     along = np.zeros(2)
-    along[sure] = _solved(turned, choice, used)[-known:]
+    along[sure] = solved(turned, choice, used)[-known:]
     errors = np.full(2, FURTHEST)
-    errors[sure] = jackknife(_without_each(turned, choice, used)[:, -known:])
+    errors[sure] = jackknife(solved_without_each(turned, choice, used)[:, -known:])
     return _Told(turned, last[sure], across @ along, (across * errors**2) @ across.T)
 
 
@@ -220,36 +227,6 @@ def _turned(moments: Moments, turns: Integers, across: Array) -> Moments:
     scale = moments.scale.copy()
     scale[turns] = 1.0
     return replace(moments, gram=gram, cross=cross, scale=scale)
-
-
-def _errors(moments: Moments, choice: Choice, columns: Sequence[Integers]) -> list[Array]:
-    """(K, n) squared errors of blocks that were left out, of the model with each of these sets of columns."""
-    every = np.arange(len(moments.scale))
-    choices = [replace(choice, active=np.isin(every, c), strength=RIDGE) for c in columns]
-    made = cross_validated(moments, np.zeros(len(every)), *choices)
-    return [c.errors for c in made if c.errors is not None]
-
-
-def _without_each(moments: Moments, choice: Choice, columns: Integers) -> Array:
-    """(K, c) parameters of a fit without one block each."""
-    part = moments.only(columns)
-    gram, cross = (without_each(x) for x in part.weighted(choice.weights))
-    return np.array([part.parameters(x) for x in solve(gram, cross, np.zeros(len(columns)))])
-
-
-def _solved(moments: Moments, choice: Choice, columns: Integers) -> Array:
-    """(c,) parameters of a fit of some columns."""
-    part = moments.only(columns)
-    gram, cross = (x.sum(axis=0) for x in part.weighted(choice.weights))
-    return part.parameters(solve(gram, cross, np.zeros(len(columns))))
-
-
-def _links(pool: Pool, moments: Moments, choice: Choice) -> Array:
-    """(n, 10) links of the model that was chosen; combinations, not bodies."""
-    parameters = np.zeros(pool.model.p)
-    active = np.flatnonzero(choice.active)
-    parameters[active] = _solved(moments, choice, active)
-    return parameters[: 10 * pool.model.tree.n].reshape(-1, 10)
 
 
 def _slopes(tree: KinematicTree, links: Array, axes: Array, motion: Motion) -> Array:
@@ -277,21 +254,3 @@ def _ripples(tree: KinematicTree, motion: Motion) -> Array:
         for wave in (np.cos, np.sin)
     ]
     return np.stack(made, axis=-1) if made else np.zeros((*motion.q.shape, 0))
-
-
-def _with_columns(pieces: Sequence[Piece], active: Integers, further: Callable[[Motion], Array]) -> list[Piece]:
-    """Pieces with the columns `active` alone, and `further` ones (S, n, c) behind them."""
-    made, known = list[Piece](), dict[int, Array]()
-    for p in pieces:
-        if id(p.whole) not in known:
-            known[id(p.whole)] = p.passed(further(p.whole))
-        more, columns, values = np.moveaxis(known[id(p.whole)][p.keep], 0, -1), list[Integers](), list[Array]()
-        behind = len(active) + np.arange(more.shape[1])
-        for c, v, own in zip(p.rows.columns, p.rows.values, more, strict=True):
-            kept = np.isin(c, active)
-            columns.append(np.append(np.searchsorted(active, c[kept]), behind))
-            values.append(np.concatenate([v[kept], own]))
-        shrink = np.append(np.broadcast_to(p.rows.shrink, p.rows.p)[active], np.zeros(len(behind)))
-        rows = replace(p.rows, columns=tuple(columns), values=tuple(values), p=len(shrink), shrink=shrink)
-        made.append(replace(p, rows=rows))
-    return made
