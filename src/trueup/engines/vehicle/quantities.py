@@ -184,8 +184,14 @@ _PURSUIT = (
 )  # fmt: skip
 """How a controller of the vehicle's own pursues a commanded speed."""
 
+_TOLD_ANGLES = {
+    "steering_left": {"absent": 1.0, "start": 1.0},
+    "steering_right": {"absent": 1.0, "start": 1.0},
+    # Tyres that slip behind look like a lag, an understeer or a tracked point elsewhere unless they are asked about.
+    "grip": {"free": True, "optional": "softer or stiffer rear tyres"},
+}
 SPEED_PURSUED = (
-    *(replace(q, absent=1.0, start=1.0) if q.name in ("steering_left", "steering_right") else q for q in _ON_TYRES),
+    *(replace(q, **_TOLD_ANGLES.get(q.name, {})) for q in _ON_TYRES),
     *_PURSUIT,
     *_IN_CURVES,
     *_LOCALISED,
