@@ -20,9 +20,7 @@ from trueup.calibration import Estimate
 from trueup.errors import listed
 from trueup.evidence import STANDARD_ERRORS
 from trueup.parameters import ParameterSpace
-
-_RULES = 2.0
-"""Times its own width from which on an interval owes more to the masses than to what was measured (as in `loop.ties`)."""
+from trueup.verdicts import RULED
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Proportion:
         low = min(e.low, max(e.value * float(times.min()) * (1.0 - down), e.lower_bound))
         high = max(e.high, min(e.value * float(times.max()) * (1.0 + up), e.upper_bound))
         wide = replace(e, low=low, high=high)
-        if e.verdict not in ("identified", "weak") or not high - low > _RULES * (e.high - e.low):
+        if e.verdict not in ("identified", "weak") or not high - low > RULED * (e.high - e.low):
             return wide
         note = (
             f"{e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip()

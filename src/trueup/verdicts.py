@@ -9,6 +9,8 @@ from trueup.parameters import Parameter
 
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
+RULED = 2.0
+"""Times its own width from which on an interval owes more to something that was not measured than to what was."""
 _NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
 
 

@@ -20,6 +20,7 @@ from trueup.loop.selection import Choice
 from trueup.loop.ties import STEP, Considered
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.verdicts import RULED
 
 _LOOSE = 0.5  # share of a value beyond which half of its interval is no knowledge of it
 
@@ -99,7 +100,7 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     down, up = np.sqrt(np.array([e.value - e.low, e.high - e.value]) ** 2 + np.sum(reaches**2, axis=0))
     width = e.high - e.low
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
-    if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 2.0 * width:
+    if e.verdict not in ("identified", "weak") or not wide.high - wide.low > RULED * width:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
     if others[k].parameter.name == STEP and reaches[k].max() < SAME * abs(e.value):
