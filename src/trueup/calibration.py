@@ -154,6 +154,17 @@ class Lacked:
     shown: Evidence
 
 
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Parameters that nobody asked for: as far as the recordings leave them open, and what the fitted ones owe to them."""
+
+    names: tuple[str, ...]
+    covariance: Array
+    """(k, k) about the values at which they stay, in their units."""
+    trade: Array
+    """(n, k) by how much each fitted parameter changes for one unit more of each, in their units."""
+
+
 @dataclass(frozen=True)
 class Calibration:
     """The whole outcome of `calibrate`; everything that the report and the files are made from."""
@@ -175,6 +186,8 @@ class Calibration:
     """A sentence on the structure that the recordings show or favour and the model lacks; '' for none."""
     lacked: Lacked | None = None
     """The same, for calibrations that go on from here."""
+    nuisance: Nuisance | None = None
+    """Of parameters that nobody asked for; None where there is none."""
     notes: tuple[str, ...] = ()
     """Choices made automatically and why (structure selected, search picked, recordings aligned)."""
 

@@ -106,3 +106,10 @@ def half_interval(blocks: int) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(blocks - 1, 0.975))
+
+
+def explained(residual: Array | None) -> bool:
+    """Whether a model replays the recordings to about their noise, by residuals (m,) in units of it: elsewhere the last
+    percent is not worth minutes.
+    """
+    return residual is not None and float(np.mean(residual**2)) < EXPLAINED**2

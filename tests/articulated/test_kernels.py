@@ -19,13 +19,26 @@ def held(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
 def test_a_delayed_command_is_the_mean_over_each_step(seed: int, delay: float, step: float) -> None:
     rng = np.random.default_rng(seed)
     times = np.concatenate([[-10.0], np.cumsum(rng.uniform(0.005, 0.02, 30))])
-    values = rng.standard_normal((31, 1))
+    values, first = rng.standard_normal((31, 1)), round(0.02 / step)
     out = np.empty((1, 12, 1))
-    delayed_commands(times, values, held_integral(times, values), np.array([[delay]]), 0.02, step, out)
+    delayed_commands(times, values, held_integral(times, values), np.array([[delay]]), first, step, out)
     fine = (np.arange(4000) + 0.5) / 4000
     for s in range(12):
-        mean = held(times, values[:, 0], 0.02 + (s + fine) * step - delay).mean()
+        mean = held(times, values[:, 0], (first + s + fine) * step - delay).mean()
         assert abs(out[0, s, 0] - mean) < 0.01
+
+
+def test_commands_are_the_same_however_many_steps_are_asked_for_at_once() -> None:
+    rng = np.random.default_rng(1)
+    times = np.concatenate([[-10.0], np.cumsum(rng.uniform(0.005, 0.02, 30))])
+    values, delay = rng.standard_normal((31, 2)), np.array([[0.013, 0.0], [0.013, 0.02], [0.031, 0.0]])
+    at_once, in_parts = np.empty((3, 90, 2)), np.empty((3, 90, 2))
+    delayed_commands(times, values, held_integral(times, values), delay, 3, 0.002, at_once)
+    for s in range(0, 90, 32):
+        part = np.empty((3, min(32, 90 - s), 2))
+        delayed_commands(times, values, held_integral(times, values), delay, 3 + s, 0.002, part)
+        in_parts[:, s : s + 32] = part
+    assert np.array_equal(at_once, in_parts)
 
 
 def test_commands_issued_on_the_way_are_delayed_alike() -> None:
@@ -35,7 +48,7 @@ def test_commands_issued_on_the_way_are_delayed_alike() -> None:
     early = np.concatenate([[-10.0], times])
     first = np.concatenate([values[:1], values])
     expected = np.empty((1, 90, 1))
-    delayed_commands(early, first, held_integral(early, first), np.array([[delay]]), 0.0, step, expected)
+    delayed_commands(early, first, held_integral(early, first), np.array([[delay]]), 0, step, expected)
     out = np.empty((1, 1, 1))
     for s in range(90):
         issued = int(np.floor(s * step / 0.01 + 1e-9)) + 1  # a command is issued at the start of the step

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
-from trueup.loop.descent import Descent, Look, Watch, explained, last_look
+from trueup.evidence import explained
+from trueup.loop.descent import Descent, Look, Watch, last_look
 from trueup.loop.fit import DESCENT, SEARCHES, coarsest, fit
 from trueup.loop.problem import Problem
 from trueup.loop.profiles import _held

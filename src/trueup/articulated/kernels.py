@@ -11,20 +11,25 @@ from trueup.compiled import njit
 
 @njit(cache=True, nogil=True)
 def delayed_commands(
-    times: Array, values: Array, integral: Array, delay: Array, start: float, step: float, out: Array
+    times: Array, values: Array, integral: Array, delay: Array, first: int, step: float, out: Array
 ) -> None:
     """The mean of each held, delayed command over each step: exact for any fraction of a step, smooth in the delay.
 
     times (n,) s; values, integral (n, k) held values and their running integral; delay (b, k) s;
-    out (b, steps, k): row i, step s covers [start + s step, start + (s + 1) step).
+    out (b, steps, k): row i, step s covers [(first + s) step, (first + s + 1) step), however many are asked for at once.
     """
     n = len(times)
     for i in range(out.shape[0]):
         for j in range(out.shape[2]):
-            at = 0
+            if (
+                i > 0 and delay[i, j] == delay[0, j]
+            ):  # as it is in all rows but that which a slope in the delay is taken of
+                out[i, :, j] = out[0, :, j]
+                continue
+            at = max(np.searchsorted(times, first * step - delay[i, j], side="right") - 1, 0)
             before = 0.0
             for s in range(out.shape[1] + 1):
-                t = start + s * step - delay[i, j]
+                t = (first + s) * step - delay[i, j]
                 while at + 1 < n and times[at + 1] <= t:
                     at += 1
                 area = integral[at, j] + values[at, j] * (t - times[at])

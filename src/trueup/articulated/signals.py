@@ -107,10 +107,10 @@ class Signals:
         columns = held.columns
         part = np.empty((self._rows, count, len(columns)))
         delay = np.ascontiguousarray(self.delay[:, columns] - self._late(trial)[:, None])
-        delayed_commands(held.times, held.values, held.integral, delay, at * step, step, part)
+        delayed_commands(held.times, held.values, held.integral, delay, at, step, part)
         if (lead := self.lead[:, columns]).any():
             ahead = np.empty_like(part)
-            delayed_commands(held.times, held.pace, held.way, delay, at * step, step, ahead)
+            delayed_commands(held.times, held.pace, held.way, delay, at, step, ahead)
             part += lead[:, None] * ahead
         out[:, :, columns] = self._limited(trial, at, part, columns, step)
         return self._off(out)

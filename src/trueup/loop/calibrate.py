@@ -35,7 +35,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.rivals import doubted, rivals, widened
 from trueup.loop.selection import Choice
-from trueup.loop.ties import considered
+from trueup.loop.ties import considered, nuisance
 from trueup.loop.uncertainty import as_wide_as_seen, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
@@ -218,7 +218,8 @@ def _findings(
     others = (*rivals(problem, found), *held_open(problem, found, untold, open_))
     wide = widened(with_structure(estimates, lacking), others)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
-    told = doubted(with_ties(wide, considered(problem, found, covariance), limits), others)
+    owed = considered(problem, found, covariance)
+    told = doubted(with_ties(wide, owed, limits), others)
     measured = any("torque" in t.observed for t in problem.trials)
     grown = None if measured else proportion_of(problem.simulator, found.space)
     told, masses = (told, ()) if grown is None else grown.applied(told)
@@ -226,6 +227,7 @@ def _findings(
         "model_name": problem.simulator.name,
         "estimates": told,
         "covariance": _in_units(found, covariance),
+        "nuisance": nuisance(owed),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
         "notes": (*cut, found.ended, *notes, *masses),
         "lacking": lacking.words() if lacking else "",

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.evidence import FEWEST_PARTS, Evidence
-from trueup.loop.descent import Fit, explained
+from trueup.evidence import FEWEST_PARTS, Evidence, explained
+from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.segment import Segment, labelled
 from trueup.loop.selection import compared

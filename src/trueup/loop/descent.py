@@ -13,7 +13,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
-from trueup.evidence import EXPLAINED
+from trueup.evidence import explained
 from trueup.loop.disturbed import LeftOut
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -114,10 +114,10 @@ class Look:
     """In units of what chance alone gives."""
     most: int
     """Iterations."""
-    real: Problem | None = None
-    """The same recordings at the real step, where the problem has a coarser one."""
+    real: Problem | None = None  # the same recordings at the real step, where the problem has a coarser one
     last: bool = False
     """Whether everything is looked at, so that what is weakly seen may move."""
+    confirm: bool = True  # whether the last look takes slopes where it ends
 
     def columns(self, space: ParameterSpace, candidates: Array) -> Array:
         """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
@@ -232,6 +232,11 @@ class Descent:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""
         self._slopes = slopes
 
+    def eliminate(self, look: Look) -> None:
+        """Takes what is eliminated from a look's residuals off the slopes at hand, which were taken without."""
+        if (slopes := self._at_hand(look)) is not None:
+            self._slopes = look.problem.eliminate(slopes.T).T
+
     def _at_hand(self, look: Look) -> Array | None:
         """(m, n_free) slopes to begin a look with: those taken for it, or those of the last look if it ended here."""
         last, size = self.search, look.problem.segments[-1].columns.stop
@@ -248,7 +253,7 @@ class Descent:
         last = look.last
         return self.solver(
             self.point, ranges, least_damping=1e-9 if last else HELD, share=2e-2 if last else 3e-2, robust=self.robust,
-            tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last,
+            tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last and look.confirm,
             difference=careful_difference(None if self.search is None else self.search.residual, LeastSquares.difference),
             worth=lambda residual: look.problem.chance(residual) * len(free) * _patience(residual),
         )  # fmt: skip
@@ -285,11 +290,6 @@ def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
     found = run.finished(look)
     loss = float(robust_losses(found.residual[None], fit.bend)[0])
     return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
-
-
-def explained(residual: Array | None) -> bool:
-    """Whether the model replays the recordings to about their noise: elsewhere the last percent is not worth minutes."""
-    return residual is not None and float(np.mean(residual**2)) < EXPLAINED**2
 
 
 def _patience(residual: Array) -> float:

@@ -35,6 +35,7 @@ from trueup.loop.stages import (
     glance,
     implicit_filtering,
     lines,
+    longer_parts,
     probing,
     refinement,
     selection,
@@ -70,6 +71,7 @@ _GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _ALIKE = Stage("all alike", all_alike)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
+_LONGER = Stage("longer parts", longer_parts)
 _ALONE = Stage(NAME, undisturbed)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _PROFILES = Stage("profiles", profiles)
@@ -80,8 +82,9 @@ _AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering)
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _FIRST, *_ELSEWHERE, _COARSE_STEP, _ALONE, *_ELSEWHERE, _PROFILES, _SELECTION,
-    _GROWTH, _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN, Stage("off bounds", off_bounds), *_AROUND,
+    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _FIRST, *_ELSEWHERE, _COARSE_STEP, _LONGER, _ALONE, *_ELSEWHERE, _PROFILES,
+    _SELECTION, _GROWTH, _FULL, _LONGER, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN,
+    Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
 _FIRST_LOOKS = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP)

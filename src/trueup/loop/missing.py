@@ -18,8 +18,8 @@ from trueup.arrays import Array
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
-from trueup.evidence import HALVED, Evidence
-from trueup.loop.descent import Fit, Watch, explained
+from trueup.evidence import HALVED, Evidence, explained
+from trueup.loop.descent import Fit, Watch
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
 from trueup.loop.problem import WORTH, Problem

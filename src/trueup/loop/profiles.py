@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.loop.descent import Descent, Fit, Look, explained, last_look
+from trueup.evidence import explained
+from trueup.loop.descent import Descent, Fit, Look, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained

@@ -11,9 +11,8 @@ import numpy as np
 
 from trueup.calibration import Calibration, pooled_rmse
 from trueup.engines.simulator import Simulator
-from trueup.evidence import evidence
+from trueup.evidence import evidence, explained
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.descent import explained
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import REFINEMENT
 from trueup.parameters import ParameterSpace

@@ -76,10 +76,12 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
     ]  # fmt: skip
     if not asked:
         return Choice((), ())
-    judge = _Judge(problem, fit)
+    judge, unseen = _Judge(problem, fit), list[Parameter]()
     if judge.parts > 1:  # of one part nothing can be left out, whatever it misses
         asked = not_missed(problem, fit, asked)
-    unseen = [p for p in asked if not judge.tried([p.name]).holds]
+    for p in asked:  # of several that make up for one another, any may go, and not all
+        alone = not unseen or judge.parts == 1 or not_missed(problem, fit, [*unseen, p], together=True)
+        unseen += [p] if alone and not judge.tried([p.name]).holds else []
     stay = tuple(p.name for p in asked if p not in unseen)
     return Choice(tuple(p.name for p in unseen), kept_notes(unseen), stay)
 
@@ -93,7 +95,7 @@ def shallow(problem: Problem, fit: Fit) -> list[Parameter]:
     foretold = 0.5 * (_elsewhere(fit) - fit.unit) ** 2 / np.diag(inverse)
     free, much = [p for p in fit.space.parameters if not p.frozen], _PLAINLY * proof(problem, fit)
     some = [k for k, p in enumerate(free) if foretold[k] > much and not p.optional and p.absent is None]
-    places = [free.index(p) for p in _settled_below(problem, fit, some, fit.loss + much)]
+    places = [free.index(p) for p in _settled_below(problem, fit, [[k] for k in some], fit.loss + much)]
     return [free[k] for k, loss in zip(places, _settled(problem, fit, places), strict=True) if loss < fit.loss + much]
 
 
@@ -131,21 +133,28 @@ def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
     return dropped
 
 
-def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> list[Parameter]:
-    """Those without which, each as if nobody told it, recordings are replayed as well once all others have settled."""
+def not_missed(
+    problem: Problem, fit: Fit, parameters: Sequence[Parameter], *, together: bool = False
+) -> list[Parameter]:
+    """Those without which, each or all `together` as if nobody told them, recordings are replayed as well once all others
+    have settled.
+    """
     free = [p for p in fit.space.parameters if not p.frozen]
     places = [free.index(p) for p in parameters]
-    return _settled_below(problem, fit, places, fit.loss + problem.chance(fit.residual) * len(free))
+    without = [places] if together else [[k] for k in places]
+    return _settled_below(problem, fit, without, fit.loss + problem.chance(fit.residual) * len(free))
 
 
-def _settled_below(problem: Problem, fit: Fit, places: Sequence[int], most: float) -> list[Parameter]:
-    """The free parameters with numbers `places` without which the loss stays below `most` once all others have settled."""
+def _settled_below(problem: Problem, fit: Fit, without: Sequence[list[int]], most: float) -> list[Parameter]:
+    """The free parameters, by sets of their numbers, without which the loss stays below `most` once all others settled."""
     free, nominal = [p for p in fit.space.parameters if not p.frozen], _elsewhere(fit)
-    points = np.repeat(fit.unit[None], len(places), axis=0)
-    points[np.arange(len(places)), places] = nominal[places]
-    residuals = problem.residuals(fit.space.from_unit(points)) if len(places) else ()
-    settled = [settled_loss(fit, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)]
-    return [free[k] for k, loss in zip(places, settled, strict=True) if loss < most]
+    points = np.repeat(fit.unit[None], len(without), axis=0)
+    for point, places in zip(points, without, strict=True):
+        point[places] = nominal[places]
+    residuals = problem.residuals(fit.space.from_unit(points)) if len(without) else ()
+    others = [np.delete(np.arange(len(free)), places) for places in without]
+    losses = [settled_loss(fit, rest, r) for rest, r in zip(others, residuals, strict=True)]
+    return [free[k] for places, loss in zip(without, losses, strict=True) if loss < most for k in places]
 
 
 def _settled(problem: Problem, fit: Fit, places: Sequence[int]) -> Array:

@@ -19,6 +19,7 @@ from trueup.rounding import SAME_INSTANT
 from trueup.samples import wrapped
 from trueup.trial import Observed, Trial
 
+LONGER = 1.4  # times the part before: doubled ones led one of four legs astray, and one of eight cars
 SHORTEST = 0.1  # s: the shortest part of a replay; by then a start has shown whether it has an effect
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by side
 

@@ -11,7 +11,7 @@ from trueup.arrays import Array
 from trueup.loop.descent import last_look
 from trueup.loop.elsewhere import along_axes
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import SHORTEST, Starts
+from trueup.loop.shoot import LONGER, SHORTEST, Starts
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import start_scatter, unit_covariance
 
@@ -37,7 +37,10 @@ def multiple_shooting(run: Run) -> None:
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
         look = last_look(run.problem, run.coarse)
-        run.go(replace(look, tolerance=1.0))  # no further than chance leads: corrections of starts will move it on
+        if left == rounds - 1 and run.starts is None:
+            run.descent.eliminate(look)
+        # No further than chance leads, and no slopes where that is: corrections of starts will move it on.
+        run.go(replace(look, tolerance=1.0, confirm=False))
         values = run.descent.space.from_unit(run.descent.point)
         starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
@@ -57,7 +60,6 @@ def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
     """Starts and values (n,) searched on the first part of the replays, which little but the starts decides, then on longer
     parts, to the end: what one part has told is near to where the next is smooth, where contacts make all at once rugged.
     """
-    longer = 1.4  # times the part before: doubled parts led one of four legs astray
     descent, longest, length = run.descent, max(t.duration for t in run.problem.trials), SHORTEST
     starts = replace(starts, amounts=np.zeros_like(starts.amounts))
     while True:
@@ -77,7 +79,7 @@ def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
         starts = replace(own, measured=starts.measured)
         if length >= longest:
             return starts, values
-        length *= longer
+        length *= LONGER
 
 
 def _matter(run: Run, begun: Problem) -> bool:

@@ -15,8 +15,8 @@ import numpy as np
 
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator
-from trueup.evidence import together
-from trueup.loop.descent import Fit, explained
+from trueup.evidence import explained, together
+from trueup.loop.descent import Fit
 from trueup.loop.earlier import Earlier
 from trueup.loop.problem import Problem
 from trueup.loop.scans import Look, Scan

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.evidence import explained
 from trueup.loop.apart import apart, confirmed
-from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
+from trueup.loop.descent import Descent, Fit, Look, Select, last_look
 from trueup.loop.disturbed import LeftOut, disturbed, seen_by
 from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved, losses_at
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import Starts
+from trueup.loop.shoot import LONGER, Starts
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter
 from trueup.search.least_squares import LeastSquares
+from trueup.search.robust import robust_losses
 
 
 @dataclass
@@ -51,6 +53,8 @@ class Run:
     """Corrections of measured starts, where an earlier fit has made some."""
     early: Array | None = None
     """(n,) values to which the first look led."""
+    short: Array | None = None
+    """(n,) values that replay the first part of the recordings to its noise; None where none do."""
     untold: Mapping[str, Parameter] = field(default_factory=dict)
     """What was frozen because the recordings did not tell it, as declared, by name."""
     notes: list[str] = field(default_factory=list)
@@ -83,6 +87,8 @@ class Run:
             # What replays with a coarser step may blow up with the real one: back to the start, without the coarser one.
             run.restart(self.start)
             look = replace(look, cheap=look.problem)
+        if self.looks == 1 and run.search is not None and explained(run.search.residual):
+            self.short = run.space.from_unit(run.point)
         self.look, self.looks = look, self.looks + 1
         saved, self.saved = self.saved, None
         begins = self.looks == 1 and not (self.resumed or self.begun)
@@ -163,6 +169,29 @@ def coarse_step(run: Run) -> None:
     """All recordings at a coarser step."""
     if run.coarse is not run.problem:
         run.go(Look("all, coarse step", run.coarse, run.coarse, 5.0, 25, run.problem))
+
+
+def longer_parts(run: Run) -> None:
+    """Where the first part is replayed to its noise, and all is not: from there through parts that grow little by little. A
+    loss over more time has more valleys, and the one that a short part leads into goes on as the part grows (A. H. Ribeiro et
+    al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
+    """
+    found, look, begin = run.descent.search, run.look if run.looks else None, run.short
+    if begin is None or found is None or look is None or look.problem.duration < run.problem.duration:
+        return
+    run.short, before = None, run.descent
+    if explained(found.residual):
+        return
+    run.descent = replace(before)
+    run.descent.restart(np.clip(before.space.to_unit(begin), 0.0, 1.0))
+    length, longest = (max(t.duration for t in p.trials) for p in (run.first, run.coarse))
+    while (length := LONGER * length) < longest:
+        part = run.coarse.shortened(length)
+        run.descent.descend(Look("longer parts", part, part, 5.0, 15))
+    there = run._searched(look)
+    old, new = robust_losses(np.stack([found.residual, there.residual]), found.delta)
+    if not new < old:
+        run.descent = before
 
 
 def undisturbed(run: Run) -> None:

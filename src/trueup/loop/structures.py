@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.evidence import Evidence, evidence
+from trueup.evidence import Evidence, evidence, explained
 from trueup.loop.apart import Part, parts_of
-from trueup.loop.descent import Descent, Fit, Look, Watch, explained
+from trueup.loop.descent import Descent, Fit, Look, Watch
 from trueup.loop.selection import compared, elsewhere, told
 from trueup.loop.validate import foretold, settled_loss
 from trueup.parameters import Parameter, ParameterSpace

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Estimate
+from trueup.calibration import NORMAL_95, Estimate, Nuisance
 from trueup.engines.simulator import related_of
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
@@ -41,6 +41,10 @@ class Considered:
     high: float
     """Between which ends it may be, in its unit: its bounds, or nearer where the recordings tell, which then hold both the
     value that the model has and the one that replays best (a score test's step: C. R. Rao, 1948)."""
+    left: Array
+    """(m,) what the estimates do not make up for of a unit of it, in residuals of variance one."""
+    pull: float
+    """By how much the negative logarithm of the likelihood grows for that unit."""
     calibrated: bool = False
     """Whether it was asked for, and stays open all the same."""
 
@@ -95,18 +99,16 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():
         return ()
-    share = len(seen.residual) / len(fit.residual)
-    noise = max(float(np.mean(seen.weights * seen.residual**2)), TINY)
-    found = []
+    share, found = len(seen.residual) / len(fit.residual), list[Considered]()
     for k in asked:
         if np.isfinite(seen.boxed[:, k]).all():
             slope = seen.boxed[:, k] / (units[k] if k < len(free) else 1.0)
-            trade, information, pull = seen.owed(slope, [i for i in range(len(free)) if i != k], settled)
+            trade, left, pull = seen.owed(slope, [i for i in range(len(free)) if i != k], settled, share)
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
-            sure = information / share / noise + PRIOR / (p.upper - p.lower) ** 2
-            half, there = NORMAL_95 / np.sqrt(sure), p.nominal - pull / share / noise / sure
+            sure = left @ left + PRIOR / (p.upper - p.lower) ** 2
+            half, there = NORMAL_95 / np.sqrt(sure), p.nominal - pull / sure
             low, high = max(p.lower, min(p.nominal, there) - half), min(p.upper, max(p.nominal, there) + half)
-            found.append(Considered(p, trade, low, high, calibrated=k < len(free)))
+            found.append(Considered(p, trade, low, high, left, pull, calibrated=k < len(free)))
     return (*found, *_of_step(part, fit, seen, settled))
 
 
@@ -119,8 +121,22 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     if not np.isfinite(finer).all():
         return []
     slope = (own - finer) / (0.5 * step)
-    trade, _, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
-    return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step)]
+    trade, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
+    return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step, left, pull)]
+
+
+def nuisance(others: Sequence[Considered]) -> Nuisance | None:
+    """Of what nobody asked for among `others`, all together: where it is as likely as a normal posterior has it, about the
+    values of the model. What replays best may be elsewhere, and both are held (the second moment about the model's values).
+    """
+    own = [c for c in others if not c.parameter.asked]
+    if not own:
+        return None
+    left, ranges = np.array([c.left for c in own]), np.array([c.parameter.upper - c.parameter.lower for c in own])
+    known = np.linalg.inv(left @ left.T + np.diag(PRIOR / ranges**2))
+    there = -known @ np.array([c.pull for c in own])
+    trade = np.array([c.trade for c in own]).T
+    return Nuisance(tuple(c.parameter.name for c in own), known + np.outer(there, there), trade)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,15 +150,20 @@ class _Slopes:
     units: Array
     """(n_free,) units of a parameter in one of its box."""
 
-    def owed(self, slope: Array, others: Sequence[int], settled: Sequence[int]) -> tuple[Array, float, float]:
+    def owed(
+        self, slope: Array, others: Sequence[int], settled: Sequence[int], share: float = 1.0
+    ) -> tuple[Array, Array, float]:
         """(n_free,) by how much the `settled` estimates change for one unit of what has that slope, in their units, where
-        the `others` make up for it; the square sum that is left, and by how much half the loss grows for that unit.
+        the `others` make up for it; and what is left of it and its pull (see `Considered`), of a `share` of all residuals.
         """
         trade, left, information = _traded(self.boxed[:, others], slope, self.weights)
         whole = np.zeros(len(self.units))
         whole[others] = trade * self.units[others]
-        pull = float(left @ (self.weights * self.residual)) if information > 0.0 else 0.0
-        return np.where(np.isin(np.arange(len(whole)), settled), whole, 0.0), information, pull
+        noise = share * max(float(np.mean(self.weights * self.residual**2)), TINY)
+        left, residual = (np.sqrt(self.weights / noise) * x for x in (left, self.residual))
+        seen = np.sqrt(information / noise / max(float(left @ left), TINY))  # less where slopes are not sure of it
+        pull = float(left @ residual) if information > 0.0 else 0.0
+        return np.where(np.isin(np.arange(len(whole)), settled), whole, 0.0), seen * left, pull
 
 
 def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, Array, float]:

@@ -27,7 +27,7 @@ from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.ending import Watch
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import finder
-from trueup.engines.mujoco.stepping import BLOCK, Stepper
+from trueup.engines.mujoco.stepping import Stepper
 from trueup.engines.mujoco.wiring import (
     Source,
     activations,
@@ -41,9 +41,9 @@ from trueup.engines.simulator import Rollout, Simulator
 from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
 
-# Steps simulated between two readings: long enough to hide the call, short enough for memory. Where rows may end it is a
-# `BLOCK`, since they leave the batch at the next reading only.
-_CHUNK = 8 * BLOCK
+# Steps simulated between two readings: long enough to hide the call, short enough for memory. Where rows may end they are
+# fewer, since rows leave the batch at the next reading only.
+_CHUNK, _WATCHED = 256, 32
 
 
 class Parametrised(Simulator, Protocol):
@@ -107,7 +107,7 @@ class Run:
         self.acts.begin()
         rows, at = np.arange(len(total)), 0
         while len(rows):
-            count = min(BLOCK if self.watch.any else _CHUNK, int(total[rows].max()) - at)
+            count = min(_WATCHED if self.watch.any else _CHUNK, int(total[rows].max()) - at)
             history = yield from self.stepper.advance(at, count, rows, record)
             self.touched = self.touched or bool(self.contacts and np.any(history["ncon"]))
             joined = {f: np.concatenate([previous[f][rows], history[f]], axis=1) for f in fields}

@@ -20,8 +20,6 @@ from trueup.articulated.signals import Signals
 from trueup.cores import Work
 from trueup.engines.mujoco.acts import Acts
 
-BLOCK = 32
-"""Steps for which recorded commands are computed at once: whatever the rows are stepped beside, they round alike."""
 _CLOCK = int(mujoco.mjtState.mjSTATE_TIME)  # what the engine records as 'time'
 
 
@@ -127,8 +125,7 @@ class Stepper:
 
     def _planned(self, k: int, at: int, count: int) -> Array:
         """(b, count, nu) recorded commands of a trial, as they arrive."""
-        blocks = [self._signals.commands(k, at + s, min(BLOCK, count - s), self._step) for s in range(0, count, BLOCK)]
-        return self._acts.disturbed(k, at, blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1))
+        return self._acts.disturbed(k, at, self._signals.commands(k, at, count, self._step))
 
     def _commands(self, at: int, n: int, rows: Integers, planned: Mapping[int, Array]) -> Array:
         """(r, n, nu) commands of the first r rows, among them all of `rows`."""
