@@ -258,7 +258,7 @@ def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
     """A wheel that turns no faster than it can is not the same as one that turns late: only the former has a limit."""
     vehicle = searched_once(tmp_path)
     for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
-        given = turned(asked(0.0, 12.0), rate, late)
+        given = turned(asked(0.0, 12.0), rate, late, np.random.default_rng(0))
         plain = Options(cross_validate=False, lacking=False)
         found = {e.name: e.value for e in prepare(vehicle, [given]).only(TURNING).calibrate(plain).estimates}
         if np.isfinite(rate):

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Calibration
+from trueup.loop.belief import Belief
 from trueup.loop.calibrate import Options
 from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
+from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -99,3 +101,12 @@ def test_what_a_campaign_does_not_ask_for_is_not_taken_as_known(tmp_path: Path) 
     kv = next(e for e in found.estimates if e.name == "j.kv")
     assert kv.low <= 2.0 <= kv.high, f"kv is {kv.value} [{kv.low}, {kv.high}], in truth 2"
     assert kv.verdict == "tied"
+    # What a campaign's search is drawn for holds that, too: only the sum is sure.
+    few = ParameterSpace(
+        tuple(Parameter(e.name, e.unit, e.value, e.lower_bound, e.upper_bound) for e in found.estimates)
+    )
+    drawn = Belief.of(found, few.freeze(["j.damping"])).sample(201, np.random.default_rng(0))
+    kv, damping = (drawn[:, few.names.index(f"j.{name}")] for name in ("kv", "damping"))
+    assert damping.min() < 0.2
+    assert damping.max() > 0.5
+    assert kv + damping == pytest.approx(2.5, rel=0.1)

@@ -127,6 +127,10 @@ class Calibrated:
     """With a structure that the model lacks: value, low and high of each parameter, those of the structure last."""
     lacked_evidence: Row = ()
     """Gain of that structure and its standard error."""
+    unasked: Mapping[str, Row] = field(default_factory=dict)
+    """Of each parameter that the plan did not ask for its covariances with all of these, in their units."""
+    owed: Mapping[str, Row] = field(default_factory=dict)
+    """By how much each fitted parameter changes for one unit more of it."""
 
 
 @dataclass(frozen=True)

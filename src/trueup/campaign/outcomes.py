@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import Calibration, Lacked, pooled_rmse
+from trueup.calibration import Calibration, Lacked, Nuisance, pooled_rmse
 from trueup.campaign.events import Calibrated, Chosen, Generation, Row, Scored, Validated
 from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.plan import Transfer
@@ -51,7 +51,26 @@ def calibrated(
         tuple(r.name for r in fitted),
         {} if found.lacked is None else {name: _row(r) for name, r in found.lacked.intervals.items()},
         () if found.lacked is None else (found.lacked.shown.gain, found.lacked.shown.standard_error),
+        *_unasked(found.nuisance),
     )  # fmt: skip
+
+
+def _unasked(nuisance: Nuisance | None) -> tuple[dict[str, Row], dict[str, Row]]:
+    if nuisance is None:
+        return {}, {}
+    covariances, owed = (
+        {name: _row(row) for name, row in zip(nuisance.names, rows, strict=True)}
+        for rows in (nuisance.covariance, nuisance.trade.T)
+    )
+    return covariances, owed
+
+
+def _nuisance(event: Calibrated) -> Nuisance | None:
+    if not event.unasked:
+        return None
+    names = tuple(event.unasked)
+    trade = np.array([event.owed[name] for name in names]).T
+    return Nuisance(names, np.array([event.unasked[name] for name in names]), trade)
 
 
 def _earlier(last: Calibrated) -> Earlier:
@@ -76,7 +95,7 @@ def belief_of(event: Calibrated, space: ParameterSpace) -> Belief:
     return Belief.estimated(
         space, np.array(list(values.values())), np.array([fitted.get(name, False) for name in values]),
         np.array(event.covariance, dtype=np.float64).reshape(sum(event.fitted), -1),
-        tuple(verdicts.get(name, "frozen") for name in values),
+        tuple(verdicts.get(name, "frozen") for name in values), _nuisance(event),
     )  # fmt: skip
 
 

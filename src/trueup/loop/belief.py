@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array, Mask
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, Nuisance
 from trueup.errors import ParameterError
 from trueup.parameters import ParameterSpace
 from trueup.verdicts import PRIOR
@@ -19,6 +19,36 @@ UNSEEN = 0.1
 _BOX = 1.0 / PRIOR
 """Variance of what is anywhere in its range alike: what is believed of parameters before any recording."""
 _BLIND = ("not identified", "no effect")
+
+
+@dataclass(frozen=True, eq=False)
+class _Owing:
+    """Moves of parameters that nobody asked for, with what the fitted ones do then to replay the recordings as well."""
+
+    lower: Array
+    """(n,) bounds of all parameters, in their units."""
+    upper: Array
+    moves: Array
+    """(k, n) of a standard deviation of each independent combination, in the parameters' units."""
+
+    @classmethod
+    def of(cls, space: ParameterSpace, fitted: Mask, nuisance: Nuisance) -> _Owing:
+        """From what a calibration says of these."""
+        moved = np.zeros((len(nuisance.names), len(space)))
+        moved[:, fitted] = nuisance.trade.T
+        moved[np.arange(len(moved)), [space.names.index(name) for name in nuisance.names]] = 1.0
+        variances, axes = np.linalg.eigh(nuisance.covariance)
+        bounds = np.array([(p.lower, p.upper) for p in space.parameters]).T
+        return cls(bounds[0], bounds[1], (axes * np.sqrt(np.maximum(variances, 0.0))).T @ moved)
+
+    def move(self, rows: Array, rng: np.random.Generator, widen: float) -> None:
+        """Moves all of `rows` (b, n) but the first, as far as bounds let it: cut one by one, sums would not be kept."""
+        half = widen * rng.standard_normal((len(rows) // 2, len(self.moves))) @ self.moves
+        shifts = np.stack([half, -half], axis=1).reshape(-1, rows.shape[1])[: len(rows) - 1]
+        for row, shift in zip(rows[1:], shifts, strict=False):
+            room = np.where(shift > 0.0, self.upper - row, row - self.lower)
+            moved = np.abs(shift) > 0.0
+            row += shift * min(1.0, float(np.min(room[moved] / np.abs(shift[moved]), initial=1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +63,8 @@ class Belief:
     """(f,) indices of the parameters that samples differ in."""
     covariance: Array
     """(f, f) in the unit box of each parameter's range (logarithmic where its scale is)."""
+    owing: _Owing | None = None
+    """What nobody asked for, and what others owe to it; samples differ in that, too."""
 
     @classmethod
     def of(cls, calibration: Calibration, space: ParameterSpace) -> Belief:
@@ -42,7 +74,7 @@ class Belief:
         """
         return cls.estimated(
             space, calibration.values, np.array([e.fitted for e in calibration.estimates]), calibration.covariance,
-            tuple(e.verdict for e in calibration.estimates),
+            tuple(e.verdict for e in calibration.estimates), calibration.nuisance,
         )  # fmt: skip
 
     @classmethod
@@ -53,8 +85,10 @@ class Belief:
         fitted: Mask,
         covariance: Array,
         verdicts: tuple[str, ...],
+        nuisance: Nuisance | None = None,
     ) -> Belief:
-        """The same from its parts: `fitted` (n,), `covariance` of the fitted ones in their units, `verdicts` (n,).
+        """The same from its parts: `fitted` (n,), `covariance` of the fitted ones in their units, `verdicts` (n,), and what
+        nobody asked for, which moves the fitted ones with it.
 
         Of the fitted ones it is the posterior of a normal likelihood and a normal prior as wide as their ranges: where one
         short recording leaves a combination open, samples cut at the bounds would be none that replay it.
@@ -69,7 +103,8 @@ class Belief:
         told = np.asarray(covariance).reshape(len(slope), -1) / np.outer(slope, slope)
         whole[np.ix_(fitted, fitted)] = told - told @ np.linalg.solve(told + _BOX * np.eye(len(told)), told)
         whole[blind, blind] = UNSEEN**2
-        return cls(space, np.asarray(values, dtype=np.float64), unsure, whole[np.ix_(unsure, unsure)])
+        owing = None if nuisance is None else _Owing.of(space, fitted, nuisance)
+        return cls(space, np.asarray(values, dtype=np.float64), unsure, whole[np.ix_(unsure, unsure)], owing)
 
     @classmethod
     def prior(cls, space: ParameterSpace) -> Belief:
@@ -88,14 +123,21 @@ class Belief:
         `widen` is a factor on the standard deviations. Pairs (antithetic) have the belief's mean, however few they are.
         """
         rows = np.repeat(self.values[None], count, axis=0)
-        if not len(self.unsure) or count == 1:
+        if count == 1:
             return rows
+        if len(self.unsure):
+            self._spread(rows, rng, widen)
+        if self.owing is not None:
+            self.owing.move(rows, rng, widen)
+        return rows
+
+    def _spread(self, rows: Array, rng: np.random.Generator, widen: float) -> None:
+        count = len(rows)
         variances, axes = np.linalg.eigh(self.covariance)
         root = axes * (widen * np.sqrt(np.maximum(variances, 0.0)))
         half = rng.standard_normal((count // 2, len(self.unsure))) @ root.T
         shifts = np.stack([half, -half], axis=1).reshape(-1, len(self.unsure))[: count - 1]
         rows[1 : 1 + len(shifts), self.unsure] = self._shifted(shifts)
-        return rows
 
     def moved(self, step: float) -> Array:
         """(f, n) values with one unsure parameter moved by `step` of its range in each row, inward at its upper bound."""

@@ -54,7 +54,10 @@ def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choic
     judge = _Judge(problem, fit)
     notes = tuple(judge.structure(name) for name in judge.structures)
     structures = tuple(judge.frozen)
-    unseen = [p for p in wide if p.name not in structures and not judge.tried([p.name]).holds]
+    unseen = list[Parameter]()
+    for p in wide:
+        if p.name not in structures and not_missed(problem, fit, [*unseen, p], together=True):
+            unseen += [] if judge.tried([p.name]).holds else [p]
     kept = tuple(p.name for p in wide if p.name not in judge.frozen)
     return Choice(tuple(p.name for p in unseen), kept_notes(unseen), kept), Choice(structures, notes)
 

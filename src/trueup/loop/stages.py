@@ -180,7 +180,7 @@ def longer_parts(run: Run) -> None:
     if begin is None or found is None or look is None or look.problem.duration < run.problem.duration:
         return
     run.short, before = None, run.descent
-    if explained(found.residual):
+    if found.residual is None or explained(found.residual):
         return
     run.descent = replace(before)
     run.descent.restart(np.clip(before.space.to_unit(begin), 0.0, 1.0))
@@ -188,8 +188,8 @@ def longer_parts(run: Run) -> None:
     while (length := LONGER * length) < longest:
         part = run.coarse.shortened(length)
         run.descent.descend(Look("longer parts", part, part, 5.0, 15))
-    there = run._searched(look)
-    old, new = robust_losses(np.stack([found.residual, there.residual]), found.delta)
+    there = run._searched(look).residual
+    old, new = robust_losses(np.stack([found.residual, found.residual if there is None else there]), found.delta)
     if not new < old:
         run.descent = before
 

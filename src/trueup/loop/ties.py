@@ -133,7 +133,7 @@ def nuisance(others: Sequence[Considered]) -> Nuisance | None:
     if not own:
         return None
     left, ranges = np.array([c.left for c in own]), np.array([c.parameter.upper - c.parameter.lower for c in own])
-    known = np.linalg.inv(left @ left.T + np.diag(PRIOR / ranges**2))
+    known = np.asarray(np.linalg.inv(left @ left.T + np.diag(PRIOR / ranges**2)), dtype=np.float64)
     there = -known @ np.array([c.pull for c in own])
     trade = np.array([c.trade for c in own]).T
     return Nuisance(tuple(c.parameter.name for c in own), known + np.outer(there, there), trade)
