@@ -11,7 +11,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.effects import OF_LOAD, Effect
+from trueup.identification.effects import OF_LOAD, SPRINGS, WAVES, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.selection import Choice, cross_validated, forward_selected, reweighed
@@ -37,17 +37,32 @@ class Pool:
     base: BaseParameters
     independent: Mask
     """(p,) columns that torque can tell apart."""
+    springs: tuple[str, ...]
+    """What balances each joint, of `effects.SPRINGS`; "" where nobody says."""
 
     def columns(self, *names: str) -> list[int]:
         """The independent columns of groups."""
         return [k for name in names for k in self.groups[name] if self.independent[k]]
 
     def with_groups(self, *names: str) -> Mask:
-        """(p,) all inertial combinations and these groups."""
+        """(p,) all inertial combinations, these groups, and the springs that were declared."""
         mask = self.independent.copy()
         mask[10 * self.model.tree.n :] = False
         mask[self.columns(*names)] = True
+        for joint, spring in enumerate(self.springs):
+            mask[self.spring_at(joint, spring)] = True
         return mask
+
+    @property
+    def tied(self) -> Integers:
+        """Columns of declared struts that torque cannot tell from weight: what stands for both is a combination of bodies."""
+        declared = [self.groups[kind][j] for j, spring in enumerate(self.springs) if spring == "strut" for kind in WAVES]
+        return np.array([k for k in declared if not self.independent[k]], dtype=np.int64)
+
+    def spring_at(self, joint: int, spring: str) -> list[int]:
+        """The independent columns of one form of spring at a joint."""
+        found = [self.groups[kind][joint] for kind in SPRINGS[spring or "none"]]
+        return [k for k in found if self.independent[k]]
 
     def carried_links(self, parameters: Array) -> Array:
         """(n, 10) bodies of the links that gears carry, nearest to those of the file that parameters (p,) of a fit allow."""
@@ -73,9 +88,11 @@ class Pool:
         return ["coulomb", *(f"saturating {s:g}" for s in _SPEEDS)]
 
 
-def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool = False) -> Pool:
+def pool_for(
+    tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool = False, springs: Sequence[str] = ()
+) -> Pool:
     """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`; their own scale only
-    with `gains`.
+    with `gains`. `springs` are those of `Drives`.
     """
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
@@ -88,7 +105,7 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
         effects.extend((d, Effect(kind, float("nan") if scales is None else float(scales[d]))) for d in range(tree.n))
         groups[name] = tuple(range(start, start + tree.n))
 
-    for kind in ("rotor", "offset", "viscous", "coulomb", "quadratic", "root", "asymmetric", "spring"):
+    for kind in ("rotor", "offset", "viscous", "coulomb", "quadratic", "root", "asymmetric", "spring", *SPRINGS["strut"]):
         add(kind, kind)
     for s in _SPEEDS:
         add(f"saturating {s:g}", "saturating", s * top)
@@ -99,12 +116,15 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
         add("gain", "gain")
     add("lag", "lag")
     model = DynamicModel.of(tree, effects, drives)
-    base = _base(model, tree.n)
+    known = tuple(springs) or ("",) * tree.n
+    waves = [groups[kind][j] for j, spring in enumerate(known) if spring == "strut" for kind in WAVES]
+    base = _base(model, waves)
     independent = np.ones(model.p, dtype=bool)
-    independent[: 12 * tree.n] = False
+    independent[[*range(12 * tree.n), *waves]] = False
     independent[base.independent] = True
+    independent[[groups["spring"][j] for j, spring in enumerate(known) if SPRINGS[spring or "none"]]] = False  # the same
     independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
-    return Pool(model, groups, base, independent)
+    return Pool(model, groups, base, independent, known)
 
 
 def nominal_of(model: DynamicModel) -> Array:
@@ -168,14 +188,15 @@ def _of_load(model: DynamicModel, motion: Motion, bodies: Array) -> dict[int, Ar
     }
 
 
-def _base(model: DynamicModel, n: int) -> BaseParameters:
-    """Groups of links, rotors and offsets: other effects are of no form that rigid bodies could take."""
-    part = model.only(range(2 * n))
-    preference = np.concatenate([np.full(10 * n, 2.0), np.full(n, 1.0), np.zeros(n)])
-    base = part.base(preference)
+def _base(model: DynamicModel, waves: Sequence[int]) -> BaseParameters:
+    """Groups of links, rotors, offsets and of struts (`waves`, columns): no other effect has a form that bodies could take."""
+    n = model.tree.n
+    columns = np.concatenate([np.arange(12 * n), np.asarray(waves, dtype=np.int64)])
+    part = model.only((columns[10 * n :] - 10 * n).tolist())
+    base = part.base(np.repeat([2.0, 1.0, 0.0], [10 * n, n, n + len(waves)]))
     wide = np.zeros((base.rank, model.p))
-    wide[:, : part.p] = base.grouping
-    return BaseParameters(model.names, base.independent, wide, base.gap)
+    wide[:, columns] = base.grouping
+    return BaseParameters(model.names, columns[base.independent], wide, base.gap)
 
 
 def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str = "select") -> Choice:
@@ -194,10 +215,17 @@ def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str 
         return choice
     forms = [replace(choice, active=pool.with_groups(*start[:-1], form)) for form in pool.forms()]
     choice = min(cross_validated(moments, prior, *forms), key=lambda c: c.loss)
-    more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous")]
+    choice = forward_selected(moments, prior, reweighed(moments, prior, choice), _undeclared(pool))
+    more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous", *SPRINGS["strut"])]
     groups = [pool.columns(name) for name in more]
     groups = [g for k in groups if (g := [c for c in k if not choice.active[c]])]
     choice = forward_selected(moments, prior, reweighed(moments, prior, choice), groups)
     singles = [[k] for name in more for k in pool.columns(name) if not choice.active[k]]
     choice = forward_selected(moments, prior, reweighed(moments, prior, choice), singles)
     return reweighed(moments, prior, choice)
+
+
+def _undeclared(pool: Pool) -> list[list[int]]:
+    """Springs where nobody says whether there is one: of torsion, or as weight; both together are a strut."""
+    open_ = [j for j, spring in enumerate(pool.springs) if not spring and not pool.model.tree.prismatic[j]]
+    return [[pool.groups[kind][j] for kind in kinds] for j in open_ for kinds in (("spring",), WAVES)]
