@@ -60,7 +60,9 @@ _KINDS: Mapping[str, _Kind] = MappingProxyType({
 })  # fmt: skip
 WAVES = ("sine", "cosine")
 """Torque of a spring without free length between two points, as weight makes it."""
-SPRINGS: Mapping[str, tuple[str, ...]] = MappingProxyType({"none": (), "torsion": ("torsion",), "strut": ("torsion", *WAVES)})
+SPRINGS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"none": (), "torsion": ("torsion",), "strut": ("torsion", *WAVES)}
+)
 """What balances a joint, by name, as effects beside an offset. Within 60 degrees of either side of zero these are within
 0.8 % of the torque of coil springs and gas struts that pull along a line between two points; the waves alone within 10 %, a
 torsion spring within 26 %.

@@ -178,7 +178,9 @@ def _estimated(
     lag = wanted.structure == "select"
     among = np.union1d(active, pool.tied)
     bodies = cross_validated_fit(pool.model, moments, choice.weights, among, nominal, lag=lag)
-    written = file_fit(pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out])
+    written = file_fit(
+        pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out], choice.active
+    )
     if len(bodies.folds) < 2:
         return free, bodies, written, choice
 

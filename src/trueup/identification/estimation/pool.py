@@ -56,7 +56,9 @@ class Pool:
     @property
     def tied(self) -> Integers:
         """Columns of declared struts that torque cannot tell from weight: what stands for both is a combination of bodies."""
-        declared = [self.groups[kind][j] for j, spring in enumerate(self.springs) if spring == "strut" for kind in WAVES]
+        declared = [
+            self.groups[kind][j] for j, spring in enumerate(self.springs) if spring == "strut" for kind in WAVES
+        ]
         return np.array([k for k in declared if not self.independent[k]], dtype=np.int64)
 
     def spring_at(self, joint: int, spring: str) -> list[int]:
@@ -92,7 +94,7 @@ def pool_for(
     tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool = False, springs: Sequence[str] = ()
 ) -> Pool:
     """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`; their own scale only
-    with `gains`. `springs` are those of `Drives`.
+    with `gains`. `springs` are those of `Drives`; one in the model file is declared there.
     """
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
@@ -105,7 +107,17 @@ def pool_for(
         effects.extend((d, Effect(kind, float("nan") if scales is None else float(scales[d]))) for d in range(tree.n))
         groups[name] = tuple(range(start, start + tree.n))
 
-    for kind in ("rotor", "offset", "viscous", "coulomb", "quadratic", "root", "asymmetric", "spring", *SPRINGS["strut"]):
+    for kind in (
+        "rotor",
+        "offset",
+        "viscous",
+        "coulomb",
+        "quadratic",
+        "root",
+        "asymmetric",
+        "spring",
+        *SPRINGS["strut"],
+    ):
         add(kind, kind)
     for s in _SPEEDS:
         add(f"saturating {s:g}", "saturating", s * top)
@@ -116,13 +128,16 @@ def pool_for(
         add("gain", "gain")
     add("lag", "lag")
     model = DynamicModel.of(tree, effects, drives)
-    known = tuple(springs) or ("",) * tree.n
+    filed = zip(springs or ("",) * tree.n, tree.stiffness, strict=True)
+    known = tuple(spring or ("torsion" if stiffness else "") for spring, stiffness in filed)
     waves = [groups[kind][j] for j, spring in enumerate(known) if spring == "strut" for kind in WAVES]
     base = _base(model, waves)
     independent = np.ones(model.p, dtype=bool)
     independent[[*range(12 * tree.n), *waves]] = False
     independent[base.independent] = True
-    independent[[groups["spring"][j] for j, spring in enumerate(known) if SPRINGS[spring or "none"]]] = False  # the same
+    independent[[groups["spring"][j] for j, spring in enumerate(known) if SPRINGS[spring or "none"]]] = (
+        False  # the same
+    )
     independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
     return Pool(model, groups, base, independent, known)
 
@@ -215,6 +230,7 @@ def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str 
         return choice
     forms = [replace(choice, active=pool.with_groups(*start[:-1], form)) for form in pool.forms()]
     choice = min(cross_validated(moments, prior, *forms), key=lambda c: c.loss)
+    # Springs come first: what stands in for one is harder to tell from friction.
     choice = forward_selected(moments, prior, reweighed(moments, prior, choice), _undeclared(pool))
     more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous", *SPRINGS["strut"])]
     groups = [pool.columns(name) for name in more]
