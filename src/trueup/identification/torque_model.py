@@ -55,7 +55,7 @@ class TorqueModel:
 
     @classmethod
     def of_file(cls, tree: KinematicTree, units: Sequence[str]) -> TorqueModel:
-        """What a model file says by itself: its bodies, rotors, friction, damping and springs. Raises ModelError without inertias."""
+        """What a model file says: bodies, rotors, friction, damping, springs. Raises ModelError for one without inertias."""
         kinds = (("rotor", tree.armature), ("coulomb", tree.friction), ("viscous", tree.damping),
                  ("torsion", tree.stiffness), ("offset", -tree.stiffness * tree.slack))  # fmt: skip
         terms = [(d, Effect(kind), float(x)) for kind, values in kinds for d, x in enumerate(values) if x != 0.0]

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from trueup.errors import IdentificationError
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import identify
 from trueup.identification.estimation.result import Identification, Parameter, relative_error
@@ -100,3 +101,11 @@ def test_a_spring_that_nothing_tells_from_weight_is_a_doubt(
     assert bool(said) == doubt == (along.verdict == "shared")
     assert said == [] or said[0].startswith(result.joints[1])
     assert held(along, truth) != (declared == "none")
+
+
+def test_a_strut_at_a_joint_that_slides_is_refused(arms: SimpleNamespace) -> None:
+    tree = arms.arm()
+    tree = tree.replace(prismatic=[False, True, False, False])
+    drives = Drives.from_dict({"joints": {"joint2": {"spring": "strut"}}}, tree.joints)
+    with pytest.raises(IdentificationError, match=r"'joint2' slides.* one of torsion .*, none"):
+        identify(tree, logs(arms, tree, "")[:1], drives=drives)

@@ -58,7 +58,7 @@ def balanced(pool: Pool, estimate: Estimate, moments: Moments, nominal: Array) -
         return None
     file, found = _File.of(pool, estimate, nominal), list[tuple[float, Balance]]()
     for j, joint in enumerate(pool.model.tree.joints):
-        waves = [pool.groups[kind][j] for kind in WAVES]
+        waves = np.array([pool.groups[kind][j] for kind in WAVES])
         if pool.springs[j] or pool.model.tree.prismatic[j] or np.isin(waves, estimate.active).any():
             continue
         shares = _shares(moments, estimate, waves)
@@ -137,7 +137,7 @@ class _File:
         return x, back @ back.T, float(np.sum((y - Z @ x) ** 2))
 
 
-def _shares(moments: Moments, estimate: Estimate, waves: list[int]) -> Array:
+def _shares(moments: Moments, estimate: Estimate, waves: Integers) -> Array:
     """(p, 2) what parameters of a fit without two columns take up of one unit of each."""
     act, scale = estimate.active, moments.scale
     gram = moments.weighted(estimate.weights)[0].sum(axis=0)

@@ -13,7 +13,6 @@ import numpy as np
 from trueup import files
 from trueup.arrays import Array
 from trueup.errors import IdentificationError, unknown_name
-from trueup.identification.effects import SPRINGS
 from trueup.typed_toml import build, check_finite
 
 

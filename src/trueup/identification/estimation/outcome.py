@@ -72,7 +72,9 @@ def outcome(
         model=TorqueModel.of(model, estimate.parameters, carried, units), for_file=written, cutoff=cutoff,
         rate=1.0 / usual_step(parts[0].time), weighting="each joint by its noise (weighted least squares)",
         trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
-        warnings=(*warnings, *_unsure(balance, parameters), *_warnings(predictions, alignment), *_thin(predictions, parameters)),
+        warnings=(
+            *warnings, *_unsure(balance, parameters), *_warnings(predictions, alignment), *_thin(predictions, parameters),
+        ),
         notes=_notes(tree, estimate, bodies, predictions),
         seconds=time.perf_counter() - started,
     )  # fmt: skip

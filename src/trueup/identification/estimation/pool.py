@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.errors import IdentificationError
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, SPRINGS, WAVES, Effect
@@ -96,6 +97,35 @@ def pool_for(
     """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`; their own scale only
     with `gains`. `springs` are those of `Drives`; one in the model file is declared there.
     """
+    effects, groups = _every_effect(tree, drives, motions, gains=gains)
+    model = DynamicModel.of(tree, effects, drives)
+    known = _declared(tree, springs)
+    waves = [groups[kind][j] for j, spring in enumerate(known) if spring == "strut" for kind in WAVES]
+    base = _base(model, waves)
+    independent = np.ones(model.p, dtype=bool)
+    independent[[*range(12 * tree.n), *waves]] = False
+    independent[base.independent] = True
+    same = [groups["spring"][j] for j, spring in enumerate(known) if SPRINGS[spring or "none"]]
+    independent[same] = False
+    independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
+    return Pool(model, groups, base, independent, known)
+
+
+def _declared(tree: KinematicTree, springs: Sequence[str]) -> tuple[str, ...]:
+    """What balances each joint. Raises IdentificationError for a strut at a joint that slides."""
+    for joint, slides, spring in zip(tree.joints, tree.prismatic, springs, strict=False):
+        if slides and spring == "strut":
+            raise IdentificationError(
+                f"joint '{joint}' slides, so that no strut turns it: spring is one of torsion (in proportion to its way), none"
+            )
+    filed = zip(springs or ("",) * tree.n, tree.stiffness, strict=True)
+    return tuple(spring or ("torsion" if stiffness else "") for spring, stiffness in filed)
+
+
+def _every_effect(
+    tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool
+) -> tuple[list[tuple[int, Effect]], dict[str, tuple[int, ...]]]:
+    """(drive, effect) of all columns behind those of bodies, and the columns of each group."""
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
     top, span = (np.maximum(x, PRINTED) for x in (np.quantile(speed, 0.99, axis=0), np.ptp(place, axis=0)))
@@ -107,17 +137,8 @@ def pool_for(
         effects.extend((d, Effect(kind, float("nan") if scales is None else float(scales[d]))) for d in range(tree.n))
         groups[name] = tuple(range(start, start + tree.n))
 
-    for kind in (
-        "rotor",
-        "offset",
-        "viscous",
-        "coulomb",
-        "quadratic",
-        "root",
-        "asymmetric",
-        "spring",
-        *SPRINGS["strut"],
-    ):
+    friction = ("viscous", "coulomb", "quadratic", "root", "asymmetric")
+    for kind in ("rotor", "offset", *friction, "spring", *SPRINGS["strut"]):
         add(kind, kind)
     for s in _SPEEDS:
         add(f"saturating {s:g}", "saturating", s * top)
@@ -127,19 +148,7 @@ def pool_for(
     if gains:
         add("gain", "gain")
     add("lag", "lag")
-    model = DynamicModel.of(tree, effects, drives)
-    filed = zip(springs or ("",) * tree.n, tree.stiffness, strict=True)
-    known = tuple(spring or ("torsion" if stiffness else "") for spring, stiffness in filed)
-    waves = [groups[kind][j] for j, spring in enumerate(known) if spring == "strut" for kind in WAVES]
-    base = _base(model, waves)
-    independent = np.ones(model.p, dtype=bool)
-    independent[[*range(12 * tree.n), *waves]] = False
-    independent[base.independent] = True
-    independent[[groups["spring"][j] for j, spring in enumerate(known) if SPRINGS[spring or "none"]]] = (
-        False  # the same
-    )
-    independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
-    return Pool(model, groups, base, independent, known)
+    return effects, groups
 
 
 def nominal_of(model: DynamicModel) -> Array:
@@ -204,7 +213,7 @@ def _of_load(model: DynamicModel, motion: Motion, bodies: Array) -> dict[int, Ar
 
 
 def _base(model: DynamicModel, waves: Sequence[int]) -> BaseParameters:
-    """Groups of links, rotors, offsets and of struts (`waves`, columns): no other effect has a form that bodies could take."""
+    """Groups of links, rotors, offsets and of struts (`waves`, columns): no other effect has a form that bodies have."""
     n = model.tree.n
     columns = np.concatenate([np.arange(12 * n), np.asarray(waves, dtype=np.int64)])
     part = model.only((columns[10 * n :] - 10 * n).tolist())
