@@ -107,5 +107,5 @@ def test_a_strut_at_a_joint_that_slides_is_refused(arms: SimpleNamespace) -> Non
     tree = arms.arm()
     tree = tree.replace(prismatic=[False, True, False, False])
     drives = Drives.from_dict({"joints": {"joint2": {"spring": "strut"}}}, tree.joints)
-    with pytest.raises(IdentificationError, match=r"'joint2' slides.* one of torsion .*, none"):
+    with pytest.raises(IdentificationError, match=r"'joint2' slides.* choices of spring: torsion .*, none"):
         identify(tree, logs(arms, tree, "")[:1], drives=drives)

@@ -116,7 +116,7 @@ def _declared(tree: KinematicTree, springs: Sequence[str]) -> tuple[str, ...]:
     for joint, slides, spring in zip(tree.joints, tree.prismatic, springs, strict=False):
         if slides and spring == "strut":
             raise IdentificationError(
-                f"joint '{joint}' slides, so that no strut turns it: spring is one of torsion (in proportion to its way), none"
+                f"joint '{joint}' slides, and no strut turns it: choices of spring: torsion (in proportion to its way), none"
             )
     filed = zip(springs or ("",) * tree.n, tree.stiffness, strict=True)
     return tuple(spring or ("torsion" if stiffness else "") for spring, stiffness in filed)
