@@ -50,6 +50,8 @@ Logs of motor angles or currents need a drives file; leave out what is one to on
   ratio = 32.0                 # turns of the motor for one of the joint; negative where it turns the other way
   offset = 0.0                 # rad, added to the joint's position
   torque_constant = 0.05       # N m/A at the motor (at the joint where torques = "joint"), for logs of currents
+  spring = "strut"             # what balances it: "strut" (a coil spring or gas strut between two points), "torsion" (in
+                               # proportion to the angle), or "none"
 
   [[couplings]]                # a motor that turns with a second joint too, as in many wrists
   drive = "joint_6"

@@ -31,7 +31,9 @@ class Layout(NamedTuple):
     gravity: Array
     carries: Mask
     kind: Integers
-    """(m,) what a further column is a function of, see `effects.of_state`."""
+    """(m,) what a further column is a function of: the number of its effect among all kinds, by which `effects.of_state`
+    knows it.
+    """
     drive: Integers
     scale: Array
     drives: Array

@@ -53,7 +53,20 @@ _KINDS: Mapping[str, _Kind] = MappingProxyType({
     "load": _Kind("fl", "", "with load", "fabs(L)*tanh(v/s)", scaled=True),
     # out of scale with other joints, or a gear that loses more when the load drives it
     "gain": _Kind("g", "", "own gain", "L"),
+    # what balances a joint, where it is known to be there: nothing draws it to zero
+    "torsion": _Kind("kt", "F/L", "torsion spring", "q", 0.0),
+    "sine": _Kind("ks", "F", "sine of a strut", "sin(q)", 0.0),
+    "cosine": _Kind("kc", "F", "cosine of a strut", "cos(q)", 0.0),  # of a force along a line between two points
 })  # fmt: skip
+WAVES = ("sine", "cosine")
+"""Torque of a spring without free length between two points, as weight makes it."""
+SPRINGS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"none": (), "torsion": ("torsion",), "strut": ("torsion", *WAVES)}
+)
+"""What balances a joint, by name, as effects beside an offset. Within 60 degrees of either side of zero these are within
+0.8 % of the torque of coil springs and gas struts that pull along a line between two points; the waves alone within 10 %, a
+torsion spring within 26 %.
+"""
 OF_LOAD = ("load", "gain")
 """Effects of the torque that a gear carries: their columns need a first fit, see `Effect.column`."""
 _OF_PATH = ("hysteresis", *OF_LOAD)
@@ -164,7 +177,11 @@ def of_state(code: int, q: float, v: float, a: float, scale: float, rest: float)
         return np.tanh(v / scale)
     if code == 6:  # root
         return sign * np.sqrt(abs(v))
-    return abs(v) if code == 7 else q  # asymmetric, spring
+    if code == 14:  # sine
+        return np.sin(q)
+    if code == 15:  # cosine
+        return np.cos(q)
+    return abs(v) if code == 7 else q  # asymmetric, springs
 
 
 @njit(cache=True, nogil=True)

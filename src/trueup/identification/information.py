@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Information matrices of many motions, weighted and summed over the joints while they are computed, and determinants."""
+"""Information matrices of many motions, weighted and summed over the joints while they are computed, and determinants.
+
+Columns are made by the loops of `blocks`, a tile of samples at a time.
+"""
 
 from __future__ import annotations
 

@@ -55,6 +55,10 @@ class KinematicTree:
     """(n,) viscous friction that the file gives, N m s/rad (N s/m); zero where it gives none, as for `friction`."""
     friction: Array = field(default_factory=lambda: np.zeros(0))
     """(n,) Coulomb friction, N m (N)."""
+    stiffness: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) of springs at joints, N m/rad (N/m)."""
+    slack: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) rad (m) where these pull to neither side."""
     notes: tuple[str, ...] = ()
     """What was left out or assumed on reading, in words."""
 
@@ -65,7 +69,7 @@ class KinematicTree:
         for name in (f.name for f in fields(self) if f.name not in ("name", "joints", "links", "notes")):
             kind = {"parent": np.int64, "prismatic": np.bool_}.get(name, np.float64)
             values = np.array(getattr(self, name), dtype=kind)
-            if name in ("damping", "friction") and not values.size:
+            if name in ("damping", "friction", "stiffness", "slack") and not values.size:
                 values = np.zeros(n)
             if values.shape != (wanted := shapes.get(name, (n,))):
                 raise ModelError(f"{name} of tree '{self.name}' has shape {values.shape}, expected {wanted}")
@@ -144,8 +148,9 @@ class KinematicTree:
         keep = np.arange(self.n) != i
         arrays = {
             k: getattr(self, k)[keep]
-            for k in ("prismatic", "axis", "lower", "upper", "speed", "effort", "armature", "damping", "friction")
-        }
+            for k in ("prismatic", "axis", "lower", "upper", "speed", "effort", "armature", "damping", "friction",
+                      "stiffness", "slack")
+        }  # fmt: skip
         return self.replace(
             joints=tuple(np.array(self.joints)[keep].tolist()), links=tuple(np.array(self.links)[keep].tolist()),
             parent=parent[keep], rotation=rotation[keep], offset=offset[keep], inertial=inertial[keep], **arrays,

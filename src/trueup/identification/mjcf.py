@@ -73,7 +73,8 @@ def _tree(
         rotation=np.array(rotation), offset=np.array(offset), gravity=np.array(model.opt.gravity),
         lower=bounds[:, 0], upper=bounds[:, 1], speed=np.full(len(ids), np.nan), effort=effort, inertial=np.array(mass),
         armature=model.dof_armature[model.jnt_dofadr[ids]], damping=model.dof_damping[model.jnt_dofadr[ids]],
-        friction=model.dof_frictionloss[model.jnt_dofadr[ids]], notes=notes,
+        friction=model.dof_frictionloss[model.jnt_dofadr[ids]], stiffness=model.jnt_stiffness[ids],
+        slack=model.qpos_spring[model.jnt_qposadr[ids]], notes=notes,
     )  # fmt: skip
 
 

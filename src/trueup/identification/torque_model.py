@@ -55,8 +55,9 @@ class TorqueModel:
 
     @classmethod
     def of_file(cls, tree: KinematicTree, units: Sequence[str]) -> TorqueModel:
-        """What a model file says by itself: its bodies, rotors, friction and damping. Raises ModelError without inertias."""
-        kinds = (("rotor", tree.armature), ("coulomb", tree.friction), ("viscous", tree.damping))
+        """What a model file says: bodies, rotors, friction, damping, springs. Raises ModelError for one without inertias."""
+        kinds = (("rotor", tree.armature), ("coulomb", tree.friction), ("viscous", tree.damping),
+                 ("torsion", tree.stiffness), ("offset", -tree.stiffness * tree.slack))  # fmt: skip
         terms = [(d, Effect(kind), float(x)) for kind, values in kinds for d, x in enumerate(values) if x != 0.0]
         return cls(tree, tree.weighed(), np.eye(tree.n), tuple(terms), np.zeros((tree.n, 10)), tuple(units))
 

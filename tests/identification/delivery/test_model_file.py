@@ -14,6 +14,7 @@ import pytest
 from trueup.cli import main
 from trueup.formats import write
 from trueup.identification.delivery.model_file import write_model_file
+from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import Identification
 from trueup.identification.kinematic_tree import KinematicTree
@@ -180,3 +181,21 @@ def test_a_mistake_is_one_line_and_exit_code_one(
 ) -> None:
     assert main(["identify", str(model), str(tmp_path / "no.csv"), "--out", str(tmp_path / "fit")]) == 1
     assert "no such file" in capsys.readouterr().err
+
+
+def test_a_torsion_spring_is_written_where_the_file_has_a_place_for_it_and_said_where_not(
+    model: Path, arms: SimpleNamespace, tmp_path: Path
+) -> None:
+    tree, target = load_tree(model), tmp_path / "out" / model.name
+    run = _log(tree, arms)
+    q, torque = run.channel("position").values, run.channel("torque")
+    loads = torque.values + 20.0 * (q - 0.3) * (np.arange(3) == 1)
+    run = run.replace(channels={**run.channels, "torque": torque.replace(values=loads)})
+    drives = Drives.from_dict({"joints": {"joint2": {"spring": "torsion"}}}, tree.joints)
+    fit = identify(tree, [run], drives=drives, options=Options(hold_out=0.3)).for_file
+    notes = write_model_file(fit, tree, model, target)
+    again, lacking = load_tree(target), [note for note in notes if "no place for the spring of joint2" in note]
+    held = model.suffix == ".xml"
+    assert np.allclose(again.stiffness, [0.0, 20.0 * held, 0.0], rtol=0.02)
+    assert np.allclose(again.slack, [0.0, 0.3 * held, 0.0], atol=0.02)
+    assert bool(lacking) != held

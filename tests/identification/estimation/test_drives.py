@@ -51,6 +51,7 @@ def test_currents_become_torques_by_the_constants() -> None:
         ({"positions": "gear"}, "is not one of: motor, joint"),
         ({"joints": {"a": {"ratio": 0}}}, "non-zero"),
         ({"joints": {"a": {"ratio": float("nan")}}}, "joints, a, ratio = nan: must be a finite number"),
+        ({"joints": {"a": {"spring": "gas"}}}, "a.*spring = 'gas': is not one of: torsion, strut, none"),
         ({"couplings": [{"drive": "c"}]}, "'joint' is missing"),
         ({"couplings": [{"drive": "c", "joint": "c"}]}, "both 'c'"),
     ],

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import OutputError
+from trueup.errors import OutputError, listed
 from trueup.formats.aside import write_aside
 from trueup.identification.delivery.compiled import Compiled, compiled
 from trueup.identification.delivery.model_file import read_back, write_model_file
@@ -113,13 +113,17 @@ def _python(result: Identification, predictor: TorqueModel, path: Path) -> Deliv
 
 def _model_file(result: Identification, tree: KinematicTree, path: Path, fit: Deliverable) -> list[Deliverable]:
     """The model file that was written, and the one that was given."""
-    written, held = TorqueModel.of_file(read_back(path, tree), result.units), bool(result.held_out())
+    read, held = read_back(path, tree), bool(result.held_out())
+    written = TorqueModel.of_file(read, result.units)
     files = tuple(f.name for f in (path, path.with_suffix(".srdf")) if f.is_file())
     errors = log_errors(result.predictions, _said(result, written))
     made = Deliverable("model file", files, "simulators: possible bodies, rotors, Coulomb and viscous friction", errors)
     note = f"{made.relative(held_out=held) / fit.relative(held_out=held):.2f} times the error of the fit: what its form costs"
     if np.count_nonzero(result.model.drives) > tree.n:
         note += "; it has no place for friction and rotors of drives that turn with two joints"
+    springs = result.for_file.springs if result.for_file else ()
+    lacking = [j for j, said, k in zip(tree.joints, springs, read.stiffness, strict=False) if said and not k]
+    note += f"; it has no place for the spring of {listed(lacking)}" if lacking else ""
     given = [p.file for p in result.predictions if p.file is not None]
     before = (
         [Deliverable("model file as given", (), "for comparison", log_errors(result.predictions, given))]

@@ -44,7 +44,17 @@ def write_model_file(
         raise ModelError("bodies that cannot exist are not written: identify with physically consistent links")
     source, path = Path(model), Path(target)
     write = _write_urdf if is_urdf(source) else _write_mjcf
-    return (*write(fit, tree, source, path), *_mounted(tree, path))
+    return (*write(fit, tree, source, path), *_lacking(fit, tree, urdf=is_urdf(source)), *_mounted(tree, path))
+
+
+def _lacking(fit: FileFit, tree: KinematicTree, *, urdf: bool) -> list[str]:
+    """What to say of springs that a file has no place for: a URDF has none, MJCF one for those of torsion."""
+    kind = "URDF" if urdf else "MJCF"
+    return [
+        f"{kind} has no place for the spring of {joint}: its bodies weigh what they weigh, and torque there lacks {said}"
+        for joint, said, held in zip(tree.joints, fit.springs, fit.stiffness, strict=True)
+        if said and (urdf or not held)
+    ]
 
 
 def _mounted(tree: KinematicTree, path: Path) -> tuple[str, ...]:
@@ -132,7 +142,7 @@ def _write_srdf(fit: FileFit, tree: KinematicTree, name: str, path: Path) -> Non
 def _write_mjcf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
     from trueup.engines.mujoco.inertia import body_inertia
     from trueup.engines.mujoco.model import load
-    from trueup.engines.mujoco.writing.bodies import Body, JointFriction, write_bodies
+    from trueup.engines.mujoco.writing.bodies import Body, JointDrive, write_bodies
 
     model = load(source)
     notes, bodies = [], {}
@@ -153,7 +163,7 @@ def _write_mjcf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> 
                 bodies[compiled.body(b).name] = Body(mass, com, share * body_inertia(compiled, b))
             notes.append(_lightened(f"body '{name}'", [compiled.body(b).name for b in hanging], share))
     joints = {
-        name: JointFriction(float(fit.damping[j]), float(fit.friction[j]), float(fit.armature[j]))
+        name: JointDrive(*(float(x[j]) for x in (fit.damping, fit.friction, fit.armature, fit.stiffness, fit.slack)))
         for j, name in enumerate(tree.joints)
     }
     return (*notes, *write_bodies(model, bodies, joints, path))

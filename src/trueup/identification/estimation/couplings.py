@@ -45,7 +45,7 @@ def coupled(motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cuto
     n, rest, ratios = tree.n, _pairs(tree), dict[Pair, float]()
     if not rest or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
         return drives
-    basic = _Basic.of(motions, tree, cutoff, hold_out)
+    basic = _Basic.of(motions, tree, cutoff, hold_out, drives.springs)
     best = basic.choice(ratios)
     while rest:
         tried = [{**ratios, p: r} for p in rest for r in (_PITCHES if _mixed(tree, p) else _RATIOS)]
@@ -130,9 +130,11 @@ class _Basic:
     """(n, n) in which a ratio of the drives (rows) to joints (columns) is told."""
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], tree: KinematicTree, cutoff: float, hold_out: float) -> _Basic:
+    def of(
+        cls, motions: Sequence[Motion], tree: KinematicTree, cutoff: float, hold_out: float, springs: Sequence[str]
+    ) -> _Basic:
         """What is the same for all couplings: the columns of links, and of the other drives."""
-        model, active = pool_for(tree, np.eye(tree.n), motions).basic()
+        model, active = pool_for(tree, np.eye(tree.n), motions, springs=springs).basic()
         pieces = [pieces_of(m, model, cutoff, hold_out)[0] for m in motions]
         numbers = numbered([p.rows for p in pieces], TIME_BLOCKS, [p.motion.q for p in pieces])
         speed = np.sqrt(np.mean(np.concatenate([m.v for m in motions]) ** 2, axis=0))

@@ -242,7 +242,7 @@ def without_disturbed(
 def _looked(logs: Sequence[Log], tree: KinematicTree, drives: Drives) -> _Looked | None:
     """The logs beside a basic model; None where one of them is too short."""
     motions = [log.motion(slow_cutoff(log.rate), measured_speed=False) for log in logs]
-    model, active = pool_for(tree, drives.coupling, motions).basic()
+    model, active = pool_for(tree, drives.coupling, motions, springs=drives.springs).basic()
     try:
         pieces = [pieces_of(m, model, slow_cutoff(x.rate), 0.0)[0] for m, x in zip(motions, logs, strict=True)]
     except IdentificationError:

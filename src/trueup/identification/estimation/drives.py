@@ -21,6 +21,7 @@ class _Joint:
     ratio: float = 1.0
     offset: float = 0.0
     torque_constant: float | None = None
+    spring: Literal["torsion", "strut", "none"] | None = None
 
     def __post_init__(self) -> None:
         for name in ("ratio", "torque_constant"):
@@ -61,6 +62,8 @@ class Drives:
     """Joints whose torque constant was given."""
     doubts: Array | None = None
     """(n,) relative standard deviations of the constants; None where they are exact."""
+    springs: tuple[str, ...] = ()
+    """What balances each joint (`effects.SPRINGS`), "" where nobody says; () where of none."""
 
     @classmethod
     def direct(cls, joints: Sequence[str]) -> Drives:
@@ -88,9 +91,11 @@ class Drives:
                 raise IdentificationError(f"{where}, [[couplings]] {k}: drive and joint are both '{one.drive}'")
             coupling[_index(one.drive, names, where), _index(one.joint, names, where)] = one.ratio
         known = tuple(name for name, joint in given.joints.items() if joint.torque_constant is not None)
+        springs = tuple((given.joints[name].spring or "") if name in given.joints else "" for name in names)
         return cls(
-            names, ratios, offsets, constants, coupling, given.positions == "motor", given.torques == "motor", known
-        )
+            names, ratios, offsets, constants, coupling, given.positions == "motor", given.torques == "motor", known,
+            springs=springs if any(springs) else (),
+        )  # fmt: skip
 
     def only(self, joints: Sequence[str]) -> Drives:
         """The drives of some joints, in their order. Raises UnknownNameError."""
@@ -100,8 +105,9 @@ class Drives:
         if self.doubts is not None:
             arrays["doubts"] = self.doubts[at]
         return replace(
-            self, joints=tuple(joints), coupling=self.coupling[np.ix_(at, at)], known_constants=known, **arrays
-        )
+            self, joints=tuple(joints), coupling=self.coupling[np.ix_(at, at)], known_constants=known,
+            springs=tuple(self.springs[k] for k in at) if self.springs else (), **arrays,
+        )  # fmt: skip
 
     def joint_positions(self, logged: Array) -> Array:
         """(S, n) joint positions of logged ones (S, n)."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Mask
+from trueup.identification.effects import SPRINGS
 from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.moments import Moments, weighted_fit
 from trueup.identification.estimation.pool import Pool
@@ -35,23 +36,33 @@ class FileFit:
     """Viscous, N m s/rad (N s/m)."""
     boundary: tuple[int, ...]
     """Links that stopped at the edge of what is possible."""
+    stiffness: Array
+    """Of torsion springs, N m/rad (N/m); zero for none."""
+    slack: Array
+    """rad (m) where these pull to neither side."""
+    springs: tuple[str, ...]
+    """Torque of every spring in words, a function of the joint's q; "" where there is none."""
 
     def tree(self, tree: KinematicTree) -> KinematicTree:
         """The tree with these numbers."""
-        names = ("inertial", "armature", "friction", "damping")
+        names = ("inertial", "armature", "friction", "damping", "stiffness", "slack")
         return tree.replace(**{name: getattr(self, name) for name in names})
 
 
-def file_fit(pool: Pool, moments: Moments, nominal: Array, pull: float, speeds: Sequence[Array]) -> FileFit:
+def file_fit(
+    pool: Pool, moments: Moments, nominal: Array, pull: float, speeds: Sequence[Array], active: Mask
+) -> FileFit:
     """Fits bodies, rotors and friction together, all above zero, joints weighed by what this form leaves of their torque.
 
     Friction of any other form would be missing in the file, and what it explained is better shared out by a fit than left
     out. `nominal` (p,) is the file, `pull` as in `consistent_fit`, `speeds` (S, n) are those of the joints in the logs, for
-    drives that turn with several of them: files know friction of joints only.
+    drives that turn with several of them: files know friction of joints only. `active` (p,) are the columns of the model
+    that was chosen: its springs are fitted beside bodies, which are no lighter where a file cannot hold them.
     """
     model, n = pool.model, pool.model.tree.n
     columns = np.concatenate([np.array(pool.groups[kind]) for kind in _FRICTION])
-    mask = pool.with_groups("rotor", *_FRICTION)
+    mask, springs = pool.with_groups("rotor", *_FRICTION), _springs(pool, active)
+    mask[[k for columns in springs for k in columns]] = True
     scaled, variance = weighted_fit(moments, np.flatnonzero(mask), np.zeros(model.p))
     size = np.abs(moments.parameters(scaled))
     prior = nominal.copy()
@@ -64,7 +75,37 @@ def file_fit(pool: Pool, moments: Moments, nominal: Array, pull: float, speeds: 
     coupled = np.count_nonzero(model.drives) > n
     if coupled:
         rotors, coulomb, viscous = _at_joints(model.drives, rotors, coulomb, viscous, np.concatenate(speeds))
-    return FileFit(fit.parameters[: 10 * n].reshape(n, 10), rotors, coulomb, viscous, fit.boundary)
+    stiffness, slack, said = _springs_in_words(pool, springs, fit.parameters)
+    return FileFit(
+        fit.parameters[: 10 * n].reshape(n, 10), rotors, coulomb, viscous, fit.boundary, stiffness, slack, said
+    )
+
+
+def _springs(pool: Pool, active: Mask) -> list[list[int]]:
+    """For each joint the columns of its spring, with an offset, that nothing at rest tells from where it is slack."""
+    known = active.copy()
+    known[pool.tied] = True
+    each = [[k for kind in SPRINGS["strut"] if known[k := pool.groups[kind][j]]] for j in range(pool.model.tree.n)]
+    return [[*columns, pool.groups["offset"][j]] if columns else [] for j, columns in enumerate(each)]
+
+
+def _springs_in_words(
+    pool: Pool, springs: Sequence[Sequence[int]], parameters: Array
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Stiffness and where it is slack (n,) of springs of torsion, and the torque of all of them, by joint."""
+    effects, torsion = pool.model.effects, np.array(pool.groups["torsion"])
+    alone = np.array([len(columns) == 2 and torsion[j] in columns for j, columns in enumerate(springs)])
+    stiffness = np.where(alone, parameters[torsion], 0.0)
+    offset = -parameters[np.array(pool.groups["offset"])]
+    slack = np.divide(offset, stiffness, out=np.zeros(len(stiffness)), where=stiffness != 0.0)
+    first = 10 * pool.model.tree.n
+    said = [
+        " + ".join(
+            f"{parameters[k]:.5g} {effects[k - first][1].formula}".removesuffix(" 1.0") for k in columns
+        ).replace("+ -", "- ")
+        for columns in springs
+    ]
+    return stiffness, slack, tuple(said)
 
 
 def _at_joints(

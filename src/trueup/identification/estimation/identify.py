@@ -176,8 +176,11 @@ def _estimated(
     # All samples, where the choice of the structure left out those at the borders of blocks.
     moments = moments_of(fitted_blocks(pieces, 0.0))
     lag = wanted.structure == "select"
-    bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal, lag=lag)
-    written = file_fit(pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out])
+    among = np.union1d(active, pool.tied)
+    bodies = cross_validated_fit(pool.model, moments, choice.weights, among, nominal, lag=lag)
+    written = file_fit(
+        pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out], choice.active
+    )
     if len(bodies.folds) < 2:
         return free, bodies, written, choice
 

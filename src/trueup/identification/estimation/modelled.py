@@ -69,7 +69,7 @@ def prepare(
     """Motions beside every effect of these drives, their clocks compared; `rate` is that of the logs in Hz, `scaled` whether
     joints may have a scale of their own; the others as in `Options`.
     """
-    pool = pool_for(tree, drives.coupling, motions, gains=scaled)
+    pool = pool_for(tree, drives.coupling, motions, gains=scaled, springs=drives.springs)
     pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, hold_out)]
     pieces += [replace(p, held_out=True) for m in judged for p in pieces_of(m, pool.model, cutoff, 0.0)]
     alignment, aligned = _aligned(pool, pieces, rate, align)

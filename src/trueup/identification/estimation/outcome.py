@@ -12,6 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.estimation.balanced import Balance, balanced
 from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.file_fit import FileFit
@@ -59,7 +60,9 @@ def outcome(
     predictions = tuple(_prediction(p, tree, estimate.parameters, bodies, given) for p in pieces)
     parts = [p.rows for p in pieces if not p.held_out]
     held = None if written is None else _in_columns(pool, written)
-    parameters = parameters_of(model, pool.base, estimate, parts, nominal, held)
+    balance = balanced(pool, estimate, moments, nominal)
+    shared = None if balance is None else np.abs(balance.shares)
+    parameters = parameters_of(model, pool.base, estimate, parts, nominal, held, shared)
     errors = np.zeros((0, tree.n)) if choice.errors is None else np.sqrt(choice.errors / moments.count[:, None])
     made = Identification(
         model_name=tree.name, joints=tree.joints, prismatic=tuple(bool(x) for x in tree.prismatic),
@@ -69,7 +72,9 @@ def outcome(
         model=TorqueModel.of(model, estimate.parameters, carried, units), for_file=written, cutoff=cutoff,
         rate=1.0 / usual_step(parts[0].time), weighting="each joint by its noise (weighted least squares)",
         trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
-        warnings=(*warnings, *_warnings(predictions, alignment), *_thin(predictions, parameters)),
+        warnings=(
+            *warnings, *_unsure(balance, parameters), *_warnings(predictions, alignment), *_thin(predictions, parameters),
+        ),
         notes=_notes(tree, estimate, bodies, predictions),
         seconds=time.perf_counter() - started,
     )  # fmt: skip
@@ -152,6 +157,11 @@ def _warnings(predictions: Sequence[Prediction], alignment: Alignment | None) ->
             f"(squared error {100 * alignment.gain:.0f} % smaller). Look for a filter or a queue in the logger"
         )
     return said
+
+
+def _unsure(balance: Balance | None, parameters: Sequence[Parameter]) -> list[str]:
+    """What to say of a spring where what is known of bodies hangs on it."""
+    return [str(balance)] if balance and any(p.kind == "inertial" and p.verdict == "shared" for p in parameters) else []
 
 
 def _thin(predictions: Sequence[Prediction], parameters: Sequence[Parameter]) -> list[str]:

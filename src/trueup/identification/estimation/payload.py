@@ -166,7 +166,7 @@ def drives_from_payload(
     logs, carrying = ([log_of(r, tree, drives) for r in group] for group in (unloaded, loaded))
     used = cutoff or natural_cutoff([*logs, *carrying])
     motions = [log.motion(used, measured_speed=False) for log in (*logs, *carrying)]
-    pool = pool_for(tree, drives.coupling, motions)
+    pool = pool_for(tree, drives.coupling, motions, springs=drives.springs)
     pieces = [pieces_of(m, pool.model, used, 0.0)[0] for m in motions]
     rows, columns = _with_load(pool, pieces[: len(logs)], pieces[len(logs) :], payload)
     found = drive_gains(rows[: len(logs)], rows[len(logs) :], payload, columns)

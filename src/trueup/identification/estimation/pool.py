@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.errors import IdentificationError
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.effects import OF_LOAD, Effect
+from trueup.identification.effects import OF_LOAD, SPRINGS, WAVES, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.selection import Choice, cross_validated, forward_selected, reweighed
@@ -37,17 +38,34 @@ class Pool:
     base: BaseParameters
     independent: Mask
     """(p,) columns that torque can tell apart."""
+    springs: tuple[str, ...]
+    """What balances each joint, of `effects.SPRINGS`; "" where nobody says."""
 
     def columns(self, *names: str) -> list[int]:
         """The independent columns of groups."""
         return [k for name in names for k in self.groups[name] if self.independent[k]]
 
     def with_groups(self, *names: str) -> Mask:
-        """(p,) all inertial combinations and these groups."""
+        """(p,) all inertial combinations, these groups, and the springs that were declared."""
         mask = self.independent.copy()
         mask[10 * self.model.tree.n :] = False
         mask[self.columns(*names)] = True
+        for joint, spring in enumerate(self.springs):
+            mask[self.spring_at(joint, spring)] = True
         return mask
+
+    @property
+    def tied(self) -> Integers:
+        """Columns of declared struts that torque cannot tell from weight: what stands for both is a combination of bodies."""
+        declared = [
+            self.groups[kind][j] for j, spring in enumerate(self.springs) if spring == "strut" for kind in WAVES
+        ]
+        return np.array([k for k in declared if not self.independent[k]], dtype=np.int64)
+
+    def spring_at(self, joint: int, spring: str) -> list[int]:
+        """The independent columns of one form of spring at a joint."""
+        found = [self.groups[kind][joint] for kind in SPRINGS[spring or "none"]]
+        return [k for k in found if self.independent[k]]
 
     def carried_links(self, parameters: Array) -> Array:
         """(n, 10) bodies of the links that gears carry, nearest to those of the file that parameters (p,) of a fit allow."""
@@ -73,10 +91,41 @@ class Pool:
         return ["coulomb", *(f"saturating {s:g}" for s in _SPEEDS)]
 
 
-def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool = False) -> Pool:
+def pool_for(
+    tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool = False, springs: Sequence[str] = ()
+) -> Pool:
     """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`; their own scale only
-    with `gains`.
+    with `gains`. `springs` are those of `Drives`; one in the model file is declared there.
     """
+    effects, groups = _every_effect(tree, drives, motions, gains=gains)
+    model = DynamicModel.of(tree, effects, drives)
+    known = _declared(tree, springs)
+    waves = [groups[kind][j] for j, spring in enumerate(known) if spring == "strut" for kind in WAVES]
+    base = _base(model, waves)
+    independent = np.ones(model.p, dtype=bool)
+    independent[[*range(12 * tree.n), *waves]] = False
+    independent[base.independent] = True
+    same = [groups["spring"][j] for j, spring in enumerate(known) if SPRINGS[spring or "none"]]
+    independent[same] = False
+    independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
+    return Pool(model, groups, base, independent, known)
+
+
+def _declared(tree: KinematicTree, springs: Sequence[str]) -> tuple[str, ...]:
+    """What balances each joint. Raises IdentificationError for a strut at a joint that slides."""
+    for joint, slides, spring in zip(tree.joints, tree.prismatic, springs, strict=False):
+        if slides and spring == "strut":
+            raise IdentificationError(
+                f"joint '{joint}' slides, and no strut turns it: choices of spring: torsion (in proportion to its way), none"
+            )
+    filed = zip(springs or ("",) * tree.n, tree.stiffness, strict=True)
+    return tuple(spring or ("torsion" if stiffness else "") for spring, stiffness in filed)
+
+
+def _every_effect(
+    tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool
+) -> tuple[list[tuple[int, Effect]], dict[str, tuple[int, ...]]]:
+    """(drive, effect) of all columns behind those of bodies, and the columns of each group."""
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
     top, span = (np.maximum(x, PRINTED) for x in (np.quantile(speed, 0.99, axis=0), np.ptp(place, axis=0)))
@@ -88,7 +137,8 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
         effects.extend((d, Effect(kind, float("nan") if scales is None else float(scales[d]))) for d in range(tree.n))
         groups[name] = tuple(range(start, start + tree.n))
 
-    for kind in ("rotor", "offset", "viscous", "coulomb", "quadratic", "root", "asymmetric", "spring"):
+    friction = ("viscous", "coulomb", "quadratic", "root", "asymmetric")
+    for kind in ("rotor", "offset", *friction, "spring", *SPRINGS["strut"]):
         add(kind, kind)
     for s in _SPEEDS:
         add(f"saturating {s:g}", "saturating", s * top)
@@ -98,13 +148,7 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
     if gains:
         add("gain", "gain")
     add("lag", "lag")
-    model = DynamicModel.of(tree, effects, drives)
-    base = _base(model, tree.n)
-    independent = np.ones(model.p, dtype=bool)
-    independent[: 12 * tree.n] = False
-    independent[base.independent] = True
-    independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
-    return Pool(model, groups, base, independent)
+    return effects, groups
 
 
 def nominal_of(model: DynamicModel) -> Array:
@@ -168,14 +212,15 @@ def _of_load(model: DynamicModel, motion: Motion, bodies: Array) -> dict[int, Ar
     }
 
 
-def _base(model: DynamicModel, n: int) -> BaseParameters:
-    """Groups of links, rotors and offsets: other effects are of no form that rigid bodies could take."""
-    part = model.only(range(2 * n))
-    preference = np.concatenate([np.full(10 * n, 2.0), np.full(n, 1.0), np.zeros(n)])
-    base = part.base(preference)
+def _base(model: DynamicModel, waves: Sequence[int]) -> BaseParameters:
+    """Groups of links, rotors, offsets and of struts (`waves`, columns): no other effect has a form that bodies have."""
+    n = model.tree.n
+    columns = np.concatenate([np.arange(12 * n), np.asarray(waves, dtype=np.int64)])
+    part = model.only((columns[10 * n :] - 10 * n).tolist())
+    base = part.base(np.repeat([2.0, 1.0, 0.0], [10 * n, n, n + len(waves)]))
     wide = np.zeros((base.rank, model.p))
-    wide[:, : part.p] = base.grouping
-    return BaseParameters(model.names, base.independent, wide, base.gap)
+    wide[:, columns] = base.grouping
+    return BaseParameters(model.names, columns[base.independent], wide, base.gap)
 
 
 def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str = "select") -> Choice:
@@ -194,10 +239,18 @@ def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str 
         return choice
     forms = [replace(choice, active=pool.with_groups(*start[:-1], form)) for form in pool.forms()]
     choice = min(cross_validated(moments, prior, *forms), key=lambda c: c.loss)
-    more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous")]
+    # Springs come first: what stands in for one is harder to tell from friction.
+    choice = forward_selected(moments, prior, reweighed(moments, prior, choice), _undeclared(pool))
+    more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous", *SPRINGS["strut"])]
     groups = [pool.columns(name) for name in more]
     groups = [g for k in groups if (g := [c for c in k if not choice.active[c]])]
     choice = forward_selected(moments, prior, reweighed(moments, prior, choice), groups)
     singles = [[k] for name in more for k in pool.columns(name) if not choice.active[k]]
     choice = forward_selected(moments, prior, reweighed(moments, prior, choice), singles)
     return reweighed(moments, prior, choice)
+
+
+def _undeclared(pool: Pool) -> list[list[int]]:
+    """Springs where nobody says whether there is one: of torsion, or as weight; both together are a strut."""
+    open_ = [j for j, spring in enumerate(pool.springs) if not spring and not pool.model.tree.prismatic[j]]
+    return [[pool.groups[kind][j] for kind in kinds] for j in open_ for kinds in (("spring",), WAVES)]

@@ -148,7 +148,7 @@ def foretelling_fit(
     parts: Sequence[int] = (1,),
 ) -> Fit:  # fmt: skip
     """As `quick_fit`, to the squared relative errors of so many `parts`, each foretold by the others; of one, as fitted."""
-    pool = pool_for(tree, drives.coupling, [motion])
+    pool = pool_for(tree, drives.coupling, [motion], springs=drives.springs)
     model, active = pool.basic()
 
     def errors(rows: Rows, count: int) -> Array:

@@ -11,6 +11,7 @@ from trueup.arrays import Array
 from trueup.errors import listed
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import SPRINGS
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.result import Parameter
 from trueup.identification.rows import Rows
@@ -21,14 +22,17 @@ SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""
 _SMALL = 0.02
 """Of the torque that a joint carries: a parameter that adds less is of no consequence in these motions."""
-_SHARED = ("saturating", "hysteresis", "quadratic", "root", "asymmetric", "offset", "spring")
+_SHARED = ("saturating", "hysteresis", "quadratic", "root", "asymmetric", "offset", "spring", *SPRINGS["strut"])
 """Effects that were kept because they predict, of which one may stand for another."""
 
 
 def parameters_of(
-    model: DynamicModel, base: BaseParameters, estimate: Estimate, rows: Sequence[Rows], file: Array, consistent: Array | None
+    model: DynamicModel, base: BaseParameters, estimate: Estimate, rows: Sequence[Rows], file: Array,
+    consistent: Array | None, shared: Array | None = None,
 ) -> tuple[Parameter, ...]:  # fmt: skip
-    """One Parameter for each column that was fitted, with its verdict. `file` and `consistent` are full vectors (p,)."""
+    """One Parameter for each column that was fitted, with its verdict. `file` and `consistent` are full vectors (p,), as is
+    `shared`: what a spring that nobody declared may take part in.
+    """
     tree, known = model.tree, np.isfinite(model.tree.inertial).all()
     rows_of = {int(k): i for i, k in enumerate(base.independent)}
     shares, deviations, made = _shares(rows), estimate.deviations, []
@@ -38,13 +42,15 @@ def parameters_of(
         kind = effect.kind if effect else "inertial"
         row = base.grouping[group] if group is not None else np.eye(model.p)[k]
         value, deviation = float(estimate.parameters[k]), float(deviations[k])
+        wide = deviation if shared is None else float(np.hypot(deviation, shared[k]))
+        alone, verdict = (_verdict(value, x, float(shares[k]), kind) for x in (deviation, wide))
         made.append(
             Parameter(
                 name=model.names[k] if group is None else base.names[group], unit=model.units[k], kind=kind,
-                joint=tree.joints[owner], value=value, deviation=deviation,
+                joint=tree.joints[owner], value=value, deviation=wide,
                 file=float(row @ file) if known and kind in ("inertial", "rotor") else np.nan,
                 consistent=np.nan if consistent is None else float(row[row != 0.0] @ consistent[row != 0.0]),
-                verdict=_verdict(value, deviation, float(shares[k]), kind), note=effect.short if effect else "",
+                verdict=verdict if verdict == alone else "shared", note=effect.short if effect else "",
             )
         )  # fmt: skip
     return tuple(made)

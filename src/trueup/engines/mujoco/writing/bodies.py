@@ -31,16 +31,19 @@ class Body:
 
 
 @dataclass(frozen=True)
-class JointFriction:
-    """What MJCF knows of a joint's drive: N m s/rad, N m, kg m^2."""
+class JointDrive:
+    """What MJCF knows of a joint's drive: N m s/rad, N m, kg m^2, N m/rad, rad."""
 
     damping: float
     friction: float
     armature: float
+    stiffness: float = 0.0
+    slack: float = 0.0
+    """Where its spring pulls to neither side."""
 
 
 def write_bodies(
-    model: Model, bodies: Mapping[str, Body], joints: Mapping[str, JointFriction], path: Path
+    model: Model, bodies: Mapping[str, Body], joints: Mapping[str, JointDrive], path: Path
 ) -> tuple[str, ...]:
     """Writes the MJCF `model` with these bodies and joints changed to `path`; the result is loaded before it counts.
 
@@ -58,6 +61,10 @@ def write_bodies(
         element = spec.joint(name)
         element.damping = [joint.damping, 0.0, 0.0]
         element.frictionloss, element.armature = joint.friction, joint.armature
+        if joint.stiffness or np.any(element.stiffness):
+            turns = int(element.type) == int(mujoco.mjtJoint.mjJNT_HINGE) and bool(spec.compiler.degree)
+            element.stiffness = [joint.stiffness, 0.0, 0.0]
+            element.springref = np.degrees(joint.slack) if turns else joint.slack
     wanted = _compiled(spec)
     try:
         content, notes = _edited(model, wanted, bodies, joints, path), ()
@@ -69,7 +76,7 @@ def write_bodies(
 
 
 def _edited(
-    model: Model, wanted: mujoco.MjModel, bodies: Mapping[str, Body], joints: Mapping[str, JointFriction], path: Path
+    model: Model, wanted: mujoco.MjModel, bodies: Mapping[str, Body], joints: Mapping[str, JointDrive], path: Path
 ) -> bytes:
     text = XmlText(model.path.read_bytes())
     compiler = model.spec.compiler
@@ -77,7 +84,7 @@ def _edited(
     for name in bodies:
         edits.write("body.mass", name)
     for name in joints:
-        for kind in ("joint.damping", "joint.friction", "joint.armature"):
+        for kind in ("joint.damping", "joint.friction", "joint.armature", "joint.spring"):
             edits.write(kind, name)
     relocate(text, model.path.absolute().parent, path.absolute().parent)
     return text.render()
