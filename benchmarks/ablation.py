@@ -27,6 +27,7 @@ from arm_problem import make_problem
 from calibrate_arm import OPTIONS, declared
 from numpy.typing import NDArray
 from results import result
+from slow_wheels import asked, turned
 from starts import bad_start
 
 from trueup.articulated.declarations import Declaration, declare
@@ -47,6 +48,7 @@ from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
 
+TURNING = ("steering_*", "relaxation", "understeer", "grip", "friction_limit", "pose_*", "drive", "friction")
 FACTORS = (0.3, 0.5, 1.0, 2.0)  # of the length of windows
 _LOSS, _CPU = 0.01, 0.1  # shares of which a stage must earn one on some family
 _DRIVEN = {
@@ -227,6 +229,16 @@ def slow_wheels(seed: int, folder: Path) -> Case:
     return Case(ready.simulator, tuple(ready.recordings), {"steering_rate_limit": rate}, ready=ready)
 
 
+def short_turns(seed: int, folder: Path) -> Case:
+    """Twelve seconds of a car whose wheels turn slowly, as `slow_wheels` drives it: first seconds do not show that."""
+    file = folder / "car.toml"
+    file.write_text(
+        "[vehicle]\nwheelbase = 0.2\n[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
+    )
+    ready = prepare(file, [turned(asked(0.0, 12.0), 0.5, 0.0, np.random.default_rng(seed))]).only(TURNING)
+    return Case(ready.simulator, tuple(ready.recordings), {"steering_rate_limit": 0.5}, ready=ready)
+
+
 def so101(seed: int, folder: Path) -> Case:
     """Eleven minutes of a real geared arm, whose joints are searched one by one. Each seed is the same."""
     fitted, left_out = (arm_logs.recordings(n) for n in (arm_logs.TRAINING, arm_logs.HELD_OUT))
@@ -236,7 +248,7 @@ def so101(seed: int, folder: Path) -> Case:
 
 FAMILIES: Mapping[str, Callable[[int, Path], Case]] = {
     "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle, "jumps": jumps, "play": play,
-    "slow wheels": slow_wheels, "so101": so101,
+    "slow wheels": slow_wheels, "short turns": short_turns, "so101": so101,
 }  # fmt: skip
 MEASURED = ("so101",)
 """Families of real recordings, which are asked for by name."""
