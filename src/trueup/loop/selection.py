@@ -54,10 +54,11 @@ def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choic
     judge = _Judge(problem, fit)
     notes = tuple(judge.structure(name) for name in judge.structures)
     structures = tuple(judge.frozen)
-    unseen = list[Parameter]()
-    for p in wide:
-        if p.name not in structures and not_missed(problem, fit, [*unseen, p], together=True):
-            unseen += [] if judge.tried([p.name]).holds else [p]
+    unseen, much = list[Parameter](), fit.loss + _PLAINLY * proof(problem, fit)
+    for p in (p for p in wide if p.name not in structures):
+        together = [judge.free.index(q) for q in (*unseen, p)]  # of several that make up for one another not all may go
+        if (not unseen or _settled_below(problem, fit, [together], much)) and not judge.tried([p.name]).holds:
+            unseen.append(p)
     kept = tuple(p.name for p in wide if p.name not in judge.frozen)
     return Choice(tuple(p.name for p in unseen), kept_notes(unseen), kept), Choice(structures, notes)
 

@@ -51,10 +51,8 @@ class Run:
     """Structures that are frozen at zero and wait for the fit without them: their parameters as declared, by name."""
     starts: Starts | None = None
     """Corrections of measured starts, where an earlier fit has made some."""
-    early: Array | None = None
-    """(n,) values to which the first look led."""
-    short: Array | None = None
-    """(n,) values that replay the first part of the recordings to its noise; None where none do."""
+    early: Array | None = None  # (n,) values to which the first look led
+    short: Array | None = None  # (n,) values that replay the first part of the recordings to its noise, if any do
     untold: Mapping[str, Parameter] = field(default_factory=dict)
     """What was frozen because the recordings did not tell it, as declared, by name."""
     notes: list[str] = field(default_factory=list)
