@@ -155,14 +155,14 @@ TOLD = (
     "steering_delay", "steering_rate_limit", "steering_dead", "steering_left", "steering_right", "steering_offset",
     "understeer", "speed_gain",
 )  # fmt: skip
-FITTED = f"recordings = ['d1.csv', 'd2.csv']\nparameters = {list(TOLD)}"
+FITTED = f"recordings = ['d1.csv', 'd2.csv', 'd3.csv']\nparameters = {list(TOLD)}"
 
 
 def tuned(folder: Path, calibrate: str) -> tuple[Event, ...]:
     """The events of a campaign with these lines in [calibrate]."""
     folder.mkdir()
     shutil.copy(Path(__file__), folder / "floor_car.py")
-    for seed in (1, 2):
+    for seed in (1, 2, 3):
         by_hand(folder / f"d{seed}.csv", seed, 18.0)
     around = np.linspace(0.0, 2.0 * np.pi, 300)
     eight = np.stack([4.0 * np.sin(around), 1.6 * np.sin(2.0 * around), 1.2 + 0.6 * np.cos(2.0 * around)], axis=1)
