@@ -64,7 +64,7 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
 def _reason(problem: Problem) -> str:
     """Why windows are as long as errors at their start and slopes allow."""
     reason = f": in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"
-    if by_torque(problem):
+    if by_torque(problem) and not carried(problem):
         reason += f", or they take {SKILLED:.2g} of the time in which replays from the start values beat standing still"
     if carried(problem):
         reason += f", or they take {SKILLED:.2g} of the time after which replays bend too much with what is searched"
