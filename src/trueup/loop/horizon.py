@@ -14,6 +14,11 @@ from trueup.loop.start_errors import with_start_errors
 from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, carried, in_windows, smooth_length, window_length
 from trueup.parameters import ParameterSpace
 
+_ENOUGH = 4.0
+"""s of windows that are searched of robots on their feet that are told torques, evenly spread: each step of a search takes
+hundreds of replays there, and what more of them tells does not pay for itself.
+"""
+
 _PARTS = 4  # of each window, for the next shorter ones: half as long they lead to nearly the same place
 
 
@@ -33,11 +38,22 @@ def cut_for_search(
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
-    begun = in_windows(problem, min(lasting, smooth))
+    whole = in_windows(problem, min(lasting, smooth))
+    begun = _spread(whole)
     shown = (
         "" if lasting <= smooth else "; shown whole" if np.isinf(lasting) else f"; shown in windows of {lasting:.2g} s"
     )
+    if len(begun.trials) < len(whole.trials):
+        shown += f"; of all {len(whole.trials)}, evenly spread"
     return begun, values, lasting, _words(begun, reason, shown)
+
+
+def _spread(problem: Problem) -> Problem:
+    """Every so many windows only, where more of what torques drive and contacts carry would be searched than is `_ENOUGH`."""
+    every = int(problem.duration / _ENOUGH)
+    if every < 2 or not (problem.windowed and by_torque(problem) and carried(problem)):
+        return problem
+    return problem.replayed_by(problem.trials[::every], problem.owners[::every])
 
 
 def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[float, Array]:
