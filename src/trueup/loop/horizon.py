@@ -7,6 +7,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.alike import alike
+from trueup.loop.apart import GLANCE
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST
@@ -33,7 +34,10 @@ def cut_for_search(
     if space is None:
         begun = in_windows(problem, wanted)
         return begun, values, wanted, _words(begun, "", "")
-    lasting, smooth = window_length(problem, values), smooth_length(problem, values, space, seed)
+    looked = (
+        in_windows(problem, GLANCE) if by_torque(problem) and carried(problem) else problem
+    )  # it soon lies on the floor
+    lasting, smooth = window_length(looked, values), smooth_length(looked, values, space, seed)
     reason = _reason(problem)
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
