@@ -37,7 +37,9 @@ def cut_for_search(
     looked = (
         in_windows(problem, GLANCE) if by_torque(problem) and carried(problem) else problem
     )  # it soon lies on the floor
-    lasting, smooth = window_length(looked, values), smooth_length(looked, values, space, seed)
+    smooth = smooth_length(looked, values, space, seed)
+    # A start that was reckoned is louder at once than any noise, and is corrected in the search.
+    lasting = smooth if by_torque(problem) and _reckoned(problem) else window_length(looked, values)
     reason = _reason(problem)
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
@@ -50,6 +52,11 @@ def cut_for_search(
     if len(begun.trials) < len(whole.trials):
         shown += f"; of all {len(whole.trials)}, evenly spread"
     return begun, values, lasting, _words(begun, reason, shown)
+
+
+def _reckoned(problem: Problem) -> bool:
+    """Whether anything was reckoned of starts."""
+    return any(t.initial_sd for t in problem.trials)
 
 
 def _spread(problem: Problem) -> Problem:
