@@ -177,7 +177,9 @@ def test_starts_of_a_robot_that_is_told_torques_are_as_low_as_its_feet_sink_in(
 ) -> None:
     _, recording = walked
     ready = _by_torques(walked, tmp_path, recording.stop)
-    problem = Problem(ready.simulator, ready.recordings, Weighted.estimated(ready.recordings, ("position",)), ("position",))
+    problem = Problem(
+        ready.simulator, ready.recordings, Weighted.estimated(ready.recordings, ("position",)), ("position",)
+    )
     (trial,) = with_start_errors(problem, ready.simulator.parameters.nominal).trials
     truth = recording.channel("base_position").values[:, 2]
     as_reckoned, begun = (c.values[:, 2] - truth for c in (ready.recordings[0].channel("base_position"),

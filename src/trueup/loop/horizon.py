@@ -10,7 +10,7 @@ from trueup.loop.alike import alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import WORTH, Problem
-from trueup.loop.shoot import SHORTEST
+from trueup.loop.shoot import SHORTEST, Starts
 from trueup.loop.start_errors import with_start_errors
 from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, carried, in_windows, smooth_length, window_length
 from trueup.parameters import ParameterSpace
@@ -32,20 +32,19 @@ def cut_for_search(
     """
     problem = with_start_errors(problem, values)
     if space is None:
-        begun = in_windows(problem, wanted)
+        begun = _freed(in_windows(problem, wanted), values)
         return begun, values, wanted, _words(begun, "", "")
-    looked = (
-        in_windows(problem, GLANCE) if by_torque(problem) and carried(problem) else problem
-    )  # it soon lies on the floor
+    # Torques told to legs soon lay them on the floor.
+    looked = in_windows(problem, GLANCE) if by_torque(problem) and carried(problem) else problem
     smooth = smooth_length(looked, values, space, seed)
     # A start that was reckoned is louder at once than any noise, and is corrected in the search.
-    lasting = smooth if by_torque(problem) and _reckoned(problem) else window_length(looked, values)
+    lasting = smooth if _reckoned(problem) else window_length(looked, values)
     reason = _reason(problem)
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
     whole = in_windows(problem, min(lasting, smooth))
-    begun = _spread(whole)
+    begun = _freed(_spread(whole), values)
     shown = (
         "" if lasting <= smooth else "; shown whole" if np.isinf(lasting) else f"; shown in windows of {lasting:.2g} s"
     )
@@ -55,8 +54,17 @@ def cut_for_search(
 
 
 def _reckoned(problem: Problem) -> bool:
-    """Whether anything was reckoned of starts."""
-    return any(t.initial_sd for t in problem.trials)
+    """Whether torques drive what stands on its feet from starts that were reckoned."""
+    return by_torque(problem) and any(t.initial_sd for t in problem.trials)
+
+
+def _freed(problem: Problem, values: Array) -> Problem:
+    """The problem with first corrections of starts that were reckoned eliminated at values (n,): in replays of torques that
+    last a tenth of a stride these decide more than all that is searched, which would be taken for the other.
+    """
+    if not (problem.windowed and _reckoned(problem)):
+        return problem
+    return Starts.as_measured(problem, values).eliminated_from(problem, values)
 
 
 def _spread(problem: Problem) -> Problem:
@@ -90,12 +98,12 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
 
 def _reason(problem: Problem) -> str:
     """Why windows are as long as errors at their start and slopes allow."""
-    reason = f": in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"
+    ends = [] if _reckoned(problem) else [f"errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"]
     if by_torque(problem) and not carried(problem):
-        reason += f", or they take {SKILLED:.2g} of the time in which replays from the start values beat standing still"
+        ends.append(f"they take {SKILLED:.2g} of the time in which replays from the start values beat standing still")
     if carried(problem):
-        reason += f", or they take {SKILLED:.2g} of the time after which replays bend too much with what is searched"
-    return reason
+        ends.append(f"they take {SKILLED:.2g} of the time after which replays bend too much with what is searched")
+    return ": in that time " + ", or ".join(ends)
 
 
 def _words(problem: Problem, reason: str, shown: str) -> list[str]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +30,7 @@ def with_start_errors(problem: Problem, values: Array) -> Problem:
     this is seen in how far samples scatter. So commands are simulated at values (n,), what was reckoned is reckoned anew
     from that, and held against what the simulator did: a parametric bootstrap (B. Efron and R. Tibshirani, An Introduction
     to the Bootstrap, 1993), of medians, since a simulator that is not yet calibrated may fall. Told torques it soon does:
-    there each look is at a short run of its own.
+    there each look is at a short run of its own, and trials begin as much lower as feet sink in.
     """
     found: dict[str, list[Array]] = {}
     for name, errors in _errors(problem, values):
@@ -38,28 +38,26 @@ def with_start_errors(problem: Problem, values: Array) -> Problem:
     if not found:
         return problem
     every = {name: np.concatenate(errors, axis=1) for name, errors in found.items()}
-    sunk = _sunk(every) if by_torque(problem) else 0.0
-    if sunk:
-        every[POSITION][0, :, AXES.index("z")] -= sunk
+    sunk = 0.0
+    if by_torque(problem) and POSITION in every:
+        heights = every[POSITION][0, :, AXES.index("z")]
+        sunk = float(np.median(heights))
+        heights -= sunk
     known = {name: OF_MEDIAN * np.median(np.abs(errors), axis=1) for name, errors in every.items()}
     trials = [
         replace(
-            _lowered(t, sunk) if POSITION in reckoned_of(problem.recordings[k]) else t,
-            initial_sd={n: sd for n, sd in known.items() if n in reckoned_of(problem.recordings[k])},
+            _lowered(t, sunk), initial_sd={n: sd for n, sd in known.items() if n in reckoned_of(problem.recordings[k])}
         )
         for t, k in zip(problem.trials, problem.owners, strict=True)
     ]
     return problem.replayed_by(trials, problem.owners)
 
 
-def _sunk(errors: Mapping[str, Array]) -> float:
-    """m by which the base is usually lower than feet that do not sink in would have it."""
-    return float(np.median(errors[POSITION][0, :, AXES.index("z")])) if POSITION in errors else 0.0
-
-
 def _lowered(trial: Trial, sunk: float) -> Trial:
     """The trial, begun so many m lower: a foot that begins on top of the floor carries nothing until it has sunk in."""
-    place = trial.initial[POSITION]
+    place = trial.initial.get(POSITION)
+    if not sunk or place is None:
+        return trial
     lower = place.replace(values=place.values - sunk * np.array([label == "z" for label in place.labels]))
     return replace(trial, initial={**trial.initial, POSITION: lower})
 
@@ -68,10 +66,11 @@ def _errors(problem: Problem, values: Array) -> Iterator[tuple[str, Array]]:
     """Channels that were reckoned, each with (2, T, k) errors of its values and speeds in a simulated run."""
     every = [(t, problem.recordings[k]) for t, k in zip(problem.trials, problem.owners, strict=True)]
     asked = [(_watched(problem, t, r), r) for t, r in every if reckoned_of(r)]
-    if by_torque(problem):
+    brief = by_torque(problem)
+    if brief:
         asked = [(part, r) for t, r in asked for part in _brief(t)]
     runs = problem.simulator.rollout([t for t, _ in asked], values[None]) if asked else ()
-    for run, (trial, recording) in zip(runs, asked, strict=True):
+    for run, (_, recording) in zip(runs, asked, strict=True):
         seen, gone = run.recording(), reckoned_of(recording)
         told = seen.replace(channels={n: c for n, c in seen.channels.items() if n not in gone})
         again = None if run.failures else reckoned_as(problem.simulator, told)
@@ -79,8 +78,8 @@ def _errors(problem: Problem, values: Array) -> Iterator[tuple[str, Array]]:
             continue
         for name in gone & seen.channels.keys():
             own, rates = again.channel(name), again.channels.get(name + RATE_OF)
-            brief = trial.duration <= 2.0 * SHORTEST
-            looks = np.linspace(own.time[0], own.time[-1], 3)[1:2] if brief else np.linspace(own.time[0], own.time[-1], _LOOKS)
+            first, last = own.time[[0, -1]]
+            looks = np.array([0.5 * (first + last)]) if brief else np.linspace(first, last, _LOOKS)
             pairs = [(at_instant(own, rates, t), at_instant(seen.channel(name), None, t)) for t in looks.tolist()]
             yield name, np.array([[a.value - b.value for a, b in pairs], [a.speed - b.speed for a, b in pairs]])
 
