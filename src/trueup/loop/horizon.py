@@ -38,7 +38,8 @@ def cut_for_search(
     looked = in_windows(problem, GLANCE) if by_torque(problem) and carried(problem) else problem
     smooth = smooth_length(looked, values, space, seed)
     # A start that was reckoned is louder at once than any noise, and is corrected in the search.
-    lasting = smooth if _reckoned(problem) else window_length(looked, values)
+    bends = _reckoned(problem) and np.isfinite(smooth)
+    lasting = smooth if bends else window_length(looked, values)
     reason = _reason(problem)
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
@@ -98,12 +99,16 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
 
 def _reason(problem: Problem) -> str:
     """Why windows are as long as errors at their start and slopes allow."""
-    ends = [] if _reckoned(problem) else [f"errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"]
+    ends = (
+        []
+        if _reckoned(problem)
+        else [f"in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"]
+    )
     if by_torque(problem) and not carried(problem):
         ends.append(f"they take {SKILLED:.2g} of the time in which replays from the start values beat standing still")
     if carried(problem):
         ends.append(f"they take {SKILLED:.2g} of the time after which replays bend too much with what is searched")
-    return ": in that time " + ", or ".join(ends)
+    return ": " + ", or ".join(ends)
 
 
 def _words(problem: Problem, reason: str, shown: str) -> list[str]:
