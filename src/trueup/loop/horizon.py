@@ -99,11 +99,8 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
 
 def _reason(problem: Problem) -> str:
     """Why windows are as long as errors at their start and slopes allow."""
-    ends = (
-        []
-        if _reckoned(problem)
-        else [f"in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"]
-    )
+    errors = f"in that time errors at their start grow {GROWN:g} times, or to {LOUD:g} times the noise"
+    ends = [] if _reckoned(problem) else [errors]
     if by_torque(problem) and not carried(problem):
         ends.append(f"they take {SKILLED:.2g} of the time in which replays from the start values beat standing still")
     if carried(problem):
