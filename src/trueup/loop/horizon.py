@@ -34,12 +34,13 @@ def cut_for_search(
     if space is None:
         begun = _freed(in_windows(problem, wanted), values)
         return begun, values, wanted, _words(begun, "", "")
-    # Torques told to legs soon lay them on the floor.
-    looked = in_windows(problem, GLANCE) if by_torque(problem) and carried(problem) else problem
+    legs = by_torque(problem) and carried(problem)  # which soon lie on the floor
+    looked = in_windows(problem, GLANCE) if legs else problem
     smooth = smooth_length(looked, values, space, seed)
     # A start that was reckoned is louder at once than any noise, and is corrected in the search.
-    bends = _reckoned(problem) and np.isfinite(smooth)
-    lasting = smooth if bends else window_length(looked, values)
+    lasting = np.inf if _reckoned(problem) else window_length(looked, values)
+    if legs and np.isinf(lasting):  # where nothing grows: nothing that is shown is longer than what is searched
+        lasting = smooth
     reason = _reason(problem)
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
