@@ -134,7 +134,7 @@ class Legs:
         return fewer
 
 
-@pytest.mark.parametrize(("count", "unit", "left"), [(400, "N m", 40), (41, "N m", 41), (400, "rad", 400)])
+@pytest.mark.parametrize(("count", "unit", "left"), [(400, "N m", 25), (41, "N m", 41), (400, "rad", 400)])
 def test_of_long_logs_of_torques_told_to_legs_windows_are_searched_that_are_evenly_spread(
     count: int, unit: str, left: int
 ) -> None:
