@@ -69,7 +69,8 @@ def _spread(problem: Problem) -> Problem:
 
     Each step of a search takes hundreds of replays there. Of a made-up quadruped with 2.5 and 4 s of windows 17 and 12 of 18
     intervals hold, armatures are 4.3 and 13.9 % off (medians) and the mass 5.9 and 2.9, in 171 and 365 CPU s
-    up to the questions which values may stay as they came; one robot, on which chance has its say.
+    up to the questions which values may stay as they came; where only its attitude was logged 6 of 6 and 9 of 9, all windows
+    replayed to 20.7 and 21.2 mrad, in 172 and 375 CPU s.
     """
     every = int(problem.duration / GLANCE)
     if every < 2 or not (problem.windowed and by_torque(problem) and carried(problem)):
