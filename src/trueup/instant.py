@@ -15,6 +15,7 @@ from trueup.recording import Channel
 from trueup.rounding import ROUNDED
 
 _REACH = 0.25  # s to either side: what lies further off says nothing of an instant
+_KEPT = 2**16  # instants that are remembered: minutes cut into thousands of windows begin at each again and again
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
 
 
@@ -72,7 +73,7 @@ def rate_noise(step: float) -> float:
     return float(np.linalg.norm(savgol_coeffs(samples_of_cubic(step), 3, deriv=1, delta=step)))
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=_KEPT)
 def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
     """The state at `time` by a parabola through positions, and measured velocities of the same labels, around it.
 
@@ -134,14 +135,22 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     samples; both in units of their noise.
     """
     fewest = 4  # samples of a parabola that has a degree of freedom left
-    values = channel.column(label)
-    good = np.flatnonzero(np.isfinite(values))
+    values, good = channel.column(label), np.arange(*_around(channel.time, time))
+    good = good[np.isfinite(values[good])]
+    if len(good) < fewest:  # a gap: whatever is nearest to it
+        good = np.flatnonzero(np.isfinite(values))
     away = np.abs(channel.time[good] - time)
     near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= _REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
     noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
     rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
     return t, np.stack(rows, axis=1) / noise, values[near] / noise
+
+
+def _around(times: Array, time: float) -> tuple[int, int]:
+    """The first and the last but one of the samples that may count, of instants (T,) in their order."""
+    first, stop = np.searchsorted(times, (time - _REACH, time + _REACH))
+    return max(int(first) - 1, 0), min(int(stop) + 1, len(times))
 
 
 @lru_cache(maxsize=256)

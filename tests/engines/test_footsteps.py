@@ -18,6 +18,7 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.footsteps import legs_of
 from trueup.grounding.others import as_shown, others_of
 from trueup.inspection.sliding import sliding
+from trueup.loop.horizon import cut_for_search
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.problem import Problem
 from trueup.loop.start_errors import with_start_errors
@@ -152,18 +153,55 @@ def test_where_a_log_begins_in_the_middle_of_a_walk_short_replays_tell_that_it_w
     assert np.sqrt(np.mean((found.channel("base_orientation").values - truth)[:, :2] ** 2)) < 0.03
 
 
-def test_a_robot_that_is_told_torques_is_known_to_walk_by_short_replays(
-    walked: tuple[Path, Recording], tmp_path: Path
-) -> None:
+def _by_torques(walked: tuple[Path, Recording], folder: Path, *, propose: bool = False) -> Preparation:
+    """Of the walk, as if it had been told the torques of its servos."""
     _, recording = walked
-    (tmp_path / "dog.xml").write_text(_DOG.replace("<position", "<motor").replace(' kp="25"', ""))
+    (folder / "dog.xml").write_text(_DOG.replace("<position", "<motor").replace(' kp="25"', ""))
     command, position = recording.channel("command"), recording.channel("position")
     torque = 25.0 * (command.values - position.values)
     told = Channel("command_torque", position.labels, "N m", position.time, torque)
     blind = recording.without("base_position").without("command").with_channel(told)
-    ready = prepare(tmp_path / "dog.xml", [blind], propose=False)
+    return prepare(folder / "dog.xml", [blind], propose=propose)
+
+
+def test_a_robot_that_is_told_torques_is_known_to_walk_by_short_replays(
+    walked: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    ready = _by_torques(walked, tmp_path)
     assert ready.recordings[0].has("base_position")
     assert any("% of the way" in str(n) for n in ready.notes)
+
+
+def test_starts_of_a_robot_that_is_told_torques_are_as_low_as_its_feet_sink_in(
+    walked: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    _, recording = walked
+    ready = _by_torques(walked, tmp_path)
+    problem = Problem(
+        ready.simulator, ready.recordings, Weighted.estimated(ready.recordings, ("position",)), ("position",)
+    )
+    (trial,) = with_start_errors(problem, ready.simulator.parameters.nominal).trials
+    truth = recording.channel("base_position").values[:, 2]
+    as_reckoned, begun = (c.values[:, 2] - truth for c in (ready.recordings[0].channel("base_position"),
+                                                          trial.initial["base_position"]))  # fmt: skip
+    assert abs(np.median(begun)) < 0.5 * abs(np.median(as_reckoned))
+    assert 0.0 < trial.initial_sd["base_position"][0, 2] < 1e-3
+
+
+def test_windows_of_torques_from_reckoned_starts_are_as_long_as_replays_are_smooth_and_their_starts_are_free(
+    walked: tuple[Path, Recording], tmp_path: Path
+) -> None:
+    ready = _by_torques(walked, tmp_path, propose=True)
+    space = ready.simulator.parameters
+    problem = Problem(
+        ready.simulator, ready.recordings, Weighted.estimated(ready.recordings, ("position",)), ("position",)
+    )
+    begun, _, lasting, words = cut_for_search(problem, space.nominal, space, np.inf, 0)
+    assert begun.windowed
+    assert len(begun.eliminated) == len(begun.trials)
+    assert begun.trials[0].duration == pytest.approx(lasting, rel=0.5)
+    assert "bend too much" in words[0]
+    assert "times the noise" not in words[0]
 
 
 def test_it_is_known_how_far_off_is_what_was_reckoned(walked: tuple[Path, Recording]) -> None:

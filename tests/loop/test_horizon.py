@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.alike import alike
-from trueup.loop.horizon import horizon
+from trueup.loop.horizon import _spread, horizon
 from trueup.loop.problem import Problem
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -113,3 +115,29 @@ def test_lengths_are_compared_at_the_models_own_step() -> None:
     problem, told = turned((24.0, 24.0), astray=0.0033), space(("speed", "speed"))
     _, found = horizon(problem, told, told.nominal)
     assert found == pytest.approx([24.0, 24.0], rel=1e-3)
+
+
+class Legs:
+    """Windows of 0.1 s in which drives are told torques or positions, and feet carry."""
+
+    def __init__(self, count: int, unit: str) -> None:
+        trial = SimpleNamespace(command=SimpleNamespace(unit=unit), observed={"base_position": None}, initial_sd={})
+        self.trials, self.owners, self.windowed = [trial] * count, list(range(count)), True
+
+    @property
+    def duration(self) -> float:
+        return 0.1 * len(self.trials)
+
+    def replayed_by(self, trials: list[object], owners: list[int]) -> Legs:
+        fewer = Legs(len(trials), trials[0].command.unit)  # type: ignore[attr-defined]
+        fewer.owners = owners
+        return fewer
+
+
+@pytest.mark.parametrize(("count", "unit", "left"), [(400, "N m", 25), (41, "N m", 41), (400, "rad", 400)])
+def test_of_long_logs_of_torques_told_to_legs_windows_are_searched_that_are_evenly_spread(
+    count: int, unit: str, left: int
+) -> None:
+    found = _spread(cast(Problem, Legs(count, unit)))
+    assert len(found.trials) == left
+    assert len(set(np.diff(found.owners))) == 1

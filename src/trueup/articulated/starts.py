@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 
@@ -42,14 +43,16 @@ def measured_start(rest: tuple[Array, Array], trial: Trial, joints: Sequence[str
     place, pace = (np.array(r) for r in rest)
     position, velocity = trial.initial.get("position"), trial.initial.get("velocity")
     velocity = velocity if velocity is not None and velocity.unit else None
-    if velocity is not None:
-        for label, v in zip(velocity.labels, at_instant(velocity, None, trial.start).value, strict=True):
-            if label in joints and np.isfinite(v):
-                pace[joints.index(label)] = v
+    seen = set[str]()
     if position is not None:
         begun = at_instant(position, velocity, trial.start)
-        more = trial.corrections.get("position", np.zeros((2, len(position.labels))))
-        for label, q, v, dq, dv in zip(position.labels, begun.value, begun.speed, *more, strict=True):
-            if label in joints and np.isfinite(q):
-                place[joints.index(label)], pace[joints.index(label)] = q + dq, v + dv
+        values, speeds = np.array([begun.value, begun.speed]) + trial.corrections.get("position", 0.0)
+        for label, q, dq in zip(position.labels, values.tolist(), speeds.tolist(), strict=True):
+            if label in joints and isfinite(q):
+                place[joints.index(label)], pace[joints.index(label)] = q, dq
+                seen.add(label)
+    if velocity is not None and not seen.issuperset(velocity.labels):
+        for label, v in zip(velocity.labels, at_instant(velocity, None, trial.start).value, strict=True):
+            if label in joints and label not in seen and np.isfinite(v):
+                pace[joints.index(label)] = v
     return place, pace

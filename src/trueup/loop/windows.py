@@ -50,7 +50,8 @@ def window_length(problem: Problem, values: Array) -> float:
     joint that a torque drives, hides what parameters do behind what the start did. Errors of the model itself drift there as
     well: a replay has skill while it is nearer to what was measured than the pose that it began at is (persistence as the
     standard of reference: A. H. Murphy, Weather and Forecasting 7(4), 1992), and tells most long before it loses that. What
-    pulls back to commanded positions does not drift. Runs under a controller of the simulator's own begin only where it
+    pulls back to commanded positions does not drift, and what stands on its feet stays near the pose that it began at: there
+    standing still is no standard. Runs under a controller of the simulator's own begin only where it
     does, unless windows of some length are asked for.
     """
     parts = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
@@ -60,7 +61,7 @@ def window_length(problem: Problem, values: Array) -> float:
     ends = [np.inf, np.inf]
     # Of long recordings the parts show enough: what grows too slowly for them is no chaos.
     for length in (longest / parts, longest) if problem.duration <= WORTH else (longest / parts,):
-        reached = _reached(in_windows(problem, length), values, skill=by_torque(problem))
+        reached = _reached(in_windows(problem, length), values, skill=by_torque(problem) and not carried(problem))
         ends = [end if np.isfinite(end) else new for end, new in zip(ends, reached, strict=True)]
         if np.isfinite(ends[0]):
             break

@@ -33,7 +33,9 @@ _MOVES = 0.01  # m: a base that moves further does not stand fixed
 
 def free_joint(compiled: mujoco.MjModel) -> int:
     """The first free joint of a model that carries other joints, or the first at all; -1 if none is free."""
-    free = [j for j in range(compiled.njnt) if int(compiled.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]
+    free = np.flatnonzero(compiled.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)).tolist()
+    if len(free) < 2:
+        return next(iter(free), -1)
     carried = [int(compiled.body_treeid[b]) for j, b in enumerate(compiled.jnt_bodyid) if j not in free]
     carrying = [j for j in free if int(compiled.body_treeid[compiled.jnt_bodyid[j]]) in carried]
     return next(iter([*carrying, *free]), -1)

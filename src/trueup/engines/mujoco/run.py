@@ -31,6 +31,7 @@ from trueup.engines.mujoco.stepping import Stepper
 from trueup.engines.mujoco.wiring import (
     Source,
     activations,
+    addresses,
     known_signals,
     placed_joints,
     rest,
@@ -146,11 +147,13 @@ class Run:
         return whole_steps(self.trials[k].duration, self.simulator.step) + 2
 
     def _allocate(self) -> None:
+        known = dict[tuple[str, tuple[str, ...]], Source | None]()  # thousands of windows observe the same
         for trial in self.trials:
             sources, out = {}, {}
             for name, o in trial.observed.items():
-                source = source_of(self.simulator.model, self.compiled, name, o.labels)
-                if source is None:
+                if (key := (name, o.labels)) not in known:
+                    known[key] = source_of(self.simulator.model, self.compiled, *key)
+                if (source := known[key]) is None:
                     raise no_signal(trial.name, name, self.simulator.name, known_signals(self.simulator.model))
                 sources[name] = source
                 out[name] = np.full((self.candidates, len(o.time), len(source.columns)), np.nan)
@@ -166,12 +169,14 @@ class Run:
         simulator, model = self.simulator, self.simulator.model
         simulator.gains.scale(model, self.copies, [t.name for t in self.trials], self.candidates)
         qpos, qvel, joints = self.batch.bind("qpos"), self.batch.bind("qvel"), list(model.drives())
+        places, speeds = addresses(self.compiled, joints)
         for k, (q, v) in enumerate(self.signals.starts()):
             rows = slice(k * self.candidates, (k + 1) * self.candidates)
-            qpos[rows], qvel[rows], places, speeds = start_state(self.compiled, self.trials[k], joints)
+            qpos[rows], qvel[rows] = start_state(self.compiled, self.trials[k])
             qpos[rows, places], qvel[rows, speeds] = q, v
-            placed = placed_joints(self.compiled, self.trials[k], joints)
-            simulator.batches.linkages.close(rest(self.compiled)[0], qpos[rows], qvel[rows], placed)
+            if self.compiled.neq:
+                placed = placed_joints(self.compiled, self.trials[k], joints)
+                simulator.batches.linkages.close(rest(self.compiled)[0], qpos[rows], qvel[rows], placed)
             states = {"qvel": qvel[rows]}
             find = finder(model, self.compiled, self.trials[k])
             scatter(self.trials[k], self.candidates, find, lambda f, own=qpos[rows], more=states: more.get(f, own))

@@ -142,14 +142,19 @@ def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
     return np.array(compiled.qpos0, dtype=np.float64), np.zeros(compiled.nv)
 
 
-def start_state(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -> tuple[Array, Array, Array, Array]:
-    """(nq,), (nv,) at the trial's start but for its joints, and where these have their position and their speed."""
+def start_state(compiled: mujoco.MjModel, trial: Trial) -> tuple[Array, Array]:
+    """(nq,), (nv,) at the trial's start but for its joints."""
     qpos, qvel = rest(compiled)
     base = measured_base(trial)
     if base is not None:
         place(compiled, qpos, qvel, base)
+    return qpos, qvel
+
+
+def addresses(compiled: mujoco.MjModel, joints: Sequence[str]) -> tuple[Integers, Integers]:
+    """Where joints have their positions and their speeds."""
     ids = [joint_id(compiled, j) for j in joints]
-    return qpos, qvel, compiled.jnt_qposadr[ids], compiled.jnt_dofadr[ids]
+    return compiled.jnt_qposadr[ids], compiled.jnt_dofadr[ids]
 
 
 def placed_joints(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -> list[int]:
