@@ -51,11 +51,7 @@ class Eliminated:
     def apply(self, residuals: Array) -> None:
         """Changes residuals (b, M) in place."""
         residuals[:, self.columns] -= self.size * (self.changes @ self.begun)
-        self.project(residuals)
-
-    def project(self, changes: Array) -> None:
-        """Changes slopes of residuals (b, M) in place."""
-        part = changes[:, self.columns]
+        part = residuals[:, self.columns]
         part -= ((part @ self.directions) * self.shrink) @ self.directions.T
 
     def solved(self, residuals: Array, damping: float) -> Array:

@@ -117,7 +117,6 @@ class Look:
     real: Problem | None = None  # the same recordings at the real step, where the problem has a coarser one
     last: bool = False
     """Whether everything is looked at, so that what is weakly seen may move."""
-    confirm: bool = True  # whether the last look takes slopes where it ends
 
     def columns(self, space: ParameterSpace, candidates: Array) -> Array:
         """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
@@ -232,11 +231,6 @@ class Descent:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""
         self._slopes = slopes
 
-    def eliminate(self, look: Look) -> None:
-        """Takes what is eliminated from a look's residuals off the slopes at hand, which were taken without."""
-        if (slopes := self._at_hand(look)) is not None:
-            self._slopes = look.problem.eliminate(slopes.T).T
-
     def _at_hand(self, look: Look) -> Array | None:
         """(m, n_free) slopes to begin a look with: those taken for it, or those of the last look if it ended here."""
         last, size = self.search, look.problem.segments[-1].columns.stop
@@ -253,7 +247,7 @@ class Descent:
         last = look.last
         return self.solver(
             self.point, ranges, least_damping=1e-9 if last else HELD, share=2e-2 if last else 3e-2, robust=self.robust,
-            tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last and look.confirm,
+            tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last,
             difference=careful_difference(None if self.search is None else self.search.residual, LeastSquares.difference),
             worth=lambda residual: look.problem.chance(residual) * len(free) * _patience(residual),
         )  # fmt: skip

@@ -210,13 +210,6 @@ class Problem:
         self.visited.add(rows, residuals)
         return residuals
 
-    def eliminate(self, slopes: Array) -> Array:
-        """(b, m) slopes of residuals, with start corrections eliminated that they were taken without."""
-        slopes = np.array(slopes)
-        for start in self.eliminated:
-            start.project(slopes)
-        return slopes
-
     def plain_residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
         """(b, m) simulated minus measured in units of the noise, whatever the starts are."""
         done = self.rollouts(np.atleast_2d(values), only)

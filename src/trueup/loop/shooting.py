@@ -37,10 +37,7 @@ def multiple_shooting(run: Run) -> None:
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
         look = last_look(run.problem, run.coarse)
-        if left == rounds - 1 and run.starts is None:
-            run.descent.eliminate(look)
-        # No further than chance leads, and no slopes where that is: corrections of starts will move it on.
-        run.go(replace(look, tolerance=1.0, confirm=False))
+        run.go(replace(look, tolerance=1.0))  # no further than chance leads: corrections of starts will move it on
         values = run.descent.space.from_unit(run.descent.point)
         starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
