@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Estimate
+from trueup.calibration import Estimate
 from trueup.loop.descent import Descent, Fit, Look
 from trueup.loop.identifiability import NO_EFFECT
 from trueup.loop.problem import Problem
@@ -55,15 +55,13 @@ def _gained(run: Run, descent: Descent, before: Descent) -> bool:
 
 def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> Descent | None:
     """The search with those of the frozen parameters `untold` free again that the recordings tell where it has come to by
-    now, or else of the one at whose value they are replayed worst, if that is refuted; None where these are none, or promise
-    no more than chance.
+    now; None where these are none, or promise no more than chance.
     """
     found = descent.finished(look)
     wider = _Wider.of(look.cheap, found, [_in_value(p) for p in untold.values()])
-    chance = look.problem.chance(found.residual)
-    told = wider.told(look.problem) or wider.refuted(NORMAL_95**2 * chance)
+    told = wider.told(look.problem)
     promise, reached = wider.promise(told) if told else (0.0, {})
-    if not told or promise < chance * len(told):
+    if not told or promise < look.problem.chance(found.residual) * len(told):
         return None
     space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
     again, begin = replace(descent, space=space, search=None), found.values.copy()
@@ -151,14 +149,6 @@ class _Wider:
                 value = fit.values[fit.space.index(p.name)] + step * (p.upper - p.lower)
                 reached[p.name] = float(np.clip(value, p.lower, p.upper))
         return gains[0] - gains[1], reached
-
-    def refuted(self, need: float) -> set[str]:
-        """The name of the one that promises most by itself, if that is more than `need`: what stands for others is vague, and
-        none of these may be where it is held.
-        """
-        promises = {p.name: self.promise([p.name])[0] for p in self.untold}
-        best = max(promises, key=lambda name: promises[name], default="")
-        return {best} if best and promises[best] > need else set()
 
     def covariance(self, problem: Problem, some: Sequence[int]) -> Array:
         """(n_free + k, n_free + k) in the unit box, with `some` of the frozen ones free."""
