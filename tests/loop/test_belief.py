@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trueup.calibration import Nuisance
 from trueup.loop.belief import Belief
 from trueup.parameters import Parameter, ParameterSpace
 
@@ -32,3 +33,20 @@ def test_what_was_told_well_is_believed_as_told() -> None:
     belief = believed(0.01, 0.02)
     told = 0.01**2 * np.outer(ALONG, ALONG) + 0.02**2 * np.outer(ACROSS, ACROSS)
     assert belief.covariance == pytest.approx(told, rel=0.01)
+
+
+def test_what_nobody_asked_for_moves_with_what_replays_as_well_and_one_at_its_bound_holds_no_other() -> None:
+    space = ParameterSpace((
+        Parameter("own", "", 2.0, 0.0, 10.0),
+        *(Parameter(f"aside{k}", "", 0.0, 0.0, 5.0, frozen=True) for k in range(4)),
+        Parameter("between", "", 1.0, 0.0, 5.0, frozen=True),
+    ))  # fmt: skip
+    asides = Nuisance((*(f"aside{k}" for k in range(4)), "between"), np.eye(5), -np.ones((1, 5)))
+    fitted = np.array([True, *[False] * 5])
+    verdicts = ("identified", *["frozen"] * 5)
+    belief = Belief.estimated(space, space.nominal, fitted, np.array([[1e-6]]), verdicts, asides)
+    drawn = belief.sample(401, np.random.default_rng(0))
+    np.testing.assert_array_equal(drawn[0], space.nominal)
+    assert (drawn >= 0.0).all()
+    assert drawn.sum(axis=1) == pytest.approx(3.0, abs=0.01)
+    assert np.median(np.abs(drawn[1:, -1] - 1.0)) > 0.2

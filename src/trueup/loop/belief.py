@@ -25,30 +25,40 @@ _BLIND = ("not identified", "no effect")
 class _Owing:
     """Moves of parameters that nobody asked for, with what the fitted ones do then to replay the recordings as well."""
 
+    places: NDArray[np.intp]
+    """(k,) which these are."""
+    spreads: Array
+    """(c, k) a standard deviation of each independent combination of them, in their units."""
+    trade: Array
+    """(k, n) by how much the fitted ones change for one unit more of each."""
     lower: Array
     """(n,) bounds of all parameters, in their units."""
     upper: Array
-    moves: Array
-    """(k, n) of a standard deviation of each independent combination, in the parameters' units."""
 
     @classmethod
     def of(cls, space: ParameterSpace, fitted: Mask, nuisance: Nuisance) -> _Owing:
         """From what a calibration says of these."""
-        moved = np.zeros((len(nuisance.names), len(space)))
-        moved[:, fitted] = nuisance.trade.T
-        moved[np.arange(len(moved)), [space.names.index(name) for name in nuisance.names]] = 1.0
+        trade = np.zeros((len(nuisance.names), len(space)))
+        trade[:, fitted] = nuisance.trade.T
         variances, axes = np.linalg.eigh(nuisance.covariance)
         bounds = np.array([(p.lower, p.upper) for p in space.parameters]).T
-        return cls(bounds[0], bounds[1], (axes * np.sqrt(np.maximum(variances, 0.0))).T @ moved)
+        places = np.array([space.names.index(name) for name in nuisance.names])
+        return cls(places, (axes * np.sqrt(np.maximum(variances, 0.0))).T, trade, bounds[0], bounds[1])
 
     def move(self, rows: Array, rng: np.random.Generator, widen: float) -> None:
-        """Moves all of `rows` (b, n) but the first, as far as bounds let it: cut one by one, sums would not be kept."""
-        half = widen * rng.standard_normal((len(rows) // 2, len(self.moves))) @ self.moves
-        shifts = np.stack([half, -half], axis=1).reshape(-1, rows.shape[1])[: len(rows) - 1]
+        """Moves all of `rows` (b, n) but the first: each of these up to its bounds, and all of them less where a fitted one
+        would be led past its own, for sums of both are what the recordings tell.
+        """
+        half = widen * rng.standard_normal((len(rows) // 2, len(self.spreads))) @ self.spreads
+        shifts = np.stack([half, -half], axis=1).reshape(-1, len(self.places))[: len(rows) - 1]
         for row, shift in zip(rows[1:], shifts, strict=False):
-            room = np.where(shift > 0.0, self.upper - row, row - self.lower)
-            moved = np.abs(shift) > 0.0
-            row += shift * min(1.0, float(np.min(room[moved] / np.abs(shift[moved]), initial=1.0)))
+            low, high = np.minimum(self.lower, row), np.maximum(self.upper, row)
+            moved = np.clip(shift, (low - row)[self.places], (high - row)[self.places])
+            owed = moved @ self.trade
+            room, led = np.where(owed > 0.0, high - row, row - low), owed != 0.0
+            share = min(1.0, float(np.min(room[led] / np.abs(owed[led]), initial=1.0)))
+            owed[self.places] += moved
+            row[:] = np.clip(row + share * owed, low, high)
 
 
 @dataclass(frozen=True, eq=False)
