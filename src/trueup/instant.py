@@ -37,6 +37,14 @@ class Instant:
     speed: Array
     value_sd: Array
     speed_sd: Array
+    acceleration: Array
+    """0 where speeds were measured, or none is seen."""
+
+    def speed_of_steps(self, step: float) -> Array:
+        """(k,) the speed that semi-implicit steps of `step` s begin with to pass here as fast: they move by the speed at the end
+        of each, so that what goes through these positions has its speeds half a step earlier.
+        """
+        return self.speed - 0.5 * step * self.acceleration
 
 
 def usual_step(time: Array) -> float:
@@ -83,56 +91,68 @@ def at_instant(position: Channel, velocity: Channel | None, time: float) -> Inst
     Statist. 20(2), 1992). The shortest is one position and one velocity, where both were measured. A speed that is not seen
     to differ from zero is zero.
     """
-    return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 4).T)
+    return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 5).T)
 
 
-def _state(position: Channel, velocity: Channel | None, label: str, time: float) -> tuple[float, float, float, float]:
-    """Value, speed and their standard deviations."""
+def _state(position: Channel, velocity: Channel | None, label: str, time: float) -> tuple[float, float, float, float, float]:
+    """Value, speed, their standard deviations, and the acceleration (0 where speeds were measured, or none is seen)."""
     t, rows, seen = _samples(position, label, time, 0)
     if not len(t):
-        return np.nan, np.nan, np.nan, np.nan
+        return np.nan, np.nan, np.nan, np.nan, np.nan
     level = float(seen[0] / rows[0, 0])
     seen = seen - level * rows[:, 0]
-    if velocity is not None and label in velocity.labels:
+    paced = velocity is not None and label in velocity.labels
+    if paced:
         more = _samples(velocity, label, time, 1)
         t, rows, seen = (np.concatenate(pair) for pair in zip((t, rows, seen), more, strict=True))
     order = np.argsort(np.abs(t), kind="stable")
     states, covariances = _windows(rows[order], seen[order])
     if not len(states):
-        return level, 0.0, float(1.0 / rows[0, 0]), np.nan
+        return level, 0.0, float(1.0 / rows[0, 0]), np.nan, 0.0
     sd = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     last = 0
     while last + 1 < len(states) and np.all(
-        np.abs(states[last + 1] - states[: last + 1]) <= STANDARD_ERRORS * sd[: last + 1]
+        np.abs(states[last + 1, :2] - states[: last + 1, :2]) <= STANDARD_ERRORS * sd[: last + 1]
     ):
         last += 1
     last = max(0, last - 1)
-    (value, speed), covariance = states[last], covariances[last]
+    (value, speed, acceleration), covariance = states[last], covariances[last]
     if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
-        value, speed = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0
-    return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1])
+        value, speed, acceleration = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0, 0.0
+    return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1]), 0.0 if paced else float(acceleration)
 
 
 def _windows(rows: Array, seen: Array) -> tuple[Array, Array]:
-    """(w, 2) value and speed by the samples (n, 3), (n,) of each window, the nearest first, and (w, 2, 2) covariances."""
+    """(w, 3) value, speed and acceleration by the samples (n, 4), (n,) of each window, the nearest first, and (w, 2, 2) covariances: by a
+    parabola and by a cubic through each, in the order of how well they know the speed, the least first.
+    """
     normal = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
     slope = np.cumsum(rows * seen[:, None], axis=0)
     places = np.cumsum(rows[:, 0] > 0.0)
-    # A parabola with a degree of freedom left: three positions, and one sample more.
-    first, both = int(np.searchsorted(places, 3)) + 2, int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
-    counts = [first]
-    while counts[-1] < len(rows):
-        counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
-    sizes = [(max(both, 2), 2)] * (both < first) + [(count, 3) for count in counts]
-    sizes = [(count, width) for count, width in sizes if count <= len(rows)]
-    inverses = [np.linalg.inv(normal[count - 1][:width, :width]) for count, width in sizes]
-    states = [inverse @ slope[count - 1][:width] for inverse, (count, width) in zip(inverses, sizes, strict=True)]
-    return np.array([s[:2] for s in states]), np.array([inverse[:2, :2] for inverse in inverses])
+    both = int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
+    sizes = []
+    for width in (3, 4):  # with a degree of freedom left: as many positions, and one sample more
+        counts = [int(np.searchsorted(places, width)) + 2]
+        while counts[-1] < len(rows):
+            counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
+        sizes += [(max(both, 2), 2)] * (both < counts[0] and width == 3) + [(count, width) for count in counts]
+    found = [_fitted(normal[n - 1][:w, :w], slope[n - 1][:w]) for n, w in sizes if n <= len(rows)]
+    found.sort(key=lambda own: -own[1][1, 1])
+    return np.array([state for state, _ in found]), np.array([covariance for _, covariance in found])
+
+
+def _fitted(normal: Array, slope: Array) -> tuple[Array, Array]:
+    """(3,) value, speed and acceleration (0: not asked for) that solve normal equations (k, k), (k,), and the covariance
+    (2, 2) of the first two.
+    """
+    scale = 1.0 / np.sqrt(np.diag(normal))  # powers of milliseconds are of very different size
+    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale
+    return np.append(inverse @ slope, 0.0)[:3], inverse[:2, :2]
 
 
 def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Array, Array, Array]:
-    """(n,) instants of samples near `time`, from there on; (n, 3) what each is of value, speed and acceleration; (n,) the
-    samples; both in units of their noise.
+    """(n,) instants of samples near `time`, from there on; (n, 4) what each is of value, speed, acceleration and jerk;
+    (n,) the samples; both in units of their noise.
     """
     fewest = 4  # samples of a parabola that has a degree of freedom left
     values, good = channel.column(label), np.arange(*_around(channel.time, time))
@@ -143,7 +163,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= _REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
     noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
-    rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
+    rows = [one, t, t**2 / 2.0, t**3 / 6.0] if order == 0 else [0.0 * one, one, t, t**2 / 2.0]
     return t, np.stack(rows, axis=1) / noise, values[near] / noise
 
 

@@ -43,7 +43,10 @@ class _Held(NamedTuple):
 class Signals:
     """Commands, start states and read-off instants of trials (R) x candidates (b). Joints are those of `model.drives()`."""
 
-    def __init__(self, model: Model, assignments: Sequence[Assignment], trials: Sequence[Trial], values: Array) -> None:
+    def __init__(
+        self, model: Model, assignments: Sequence[Assignment], trials: Sequence[Trial], values: Array, step: float = 0.0
+    ) -> None:
+        """`step` in s of the simulation that they begin."""
         self._model, self._trials, self._rows = model, trials, len(values)
         self._changes = changes(assignments, values)
         self._drives, self._columns, self._servos = model.drives(), model.columns(), servos(model)
@@ -69,7 +72,7 @@ class Signals:
                 held[key] = self._command(t)
         self._commands = [held[id(t.command), t.start, t.duration] for t in trials]
         rest = at_rest(model)
-        self._measured_starts = [measured_start(rest, t, self._joints) for t in trials]
+        self._measured_starts = [measured_start(rest, t, self._joints, step) for t in trials]
 
     def starts(self) -> list[tuple[Array, Array]]:
         """For each trial (b, k) positions and velocities of the joints, sensor errors taken out, corrections added."""

@@ -15,8 +15,10 @@ from trueup.instant import at_instant
 from trueup.trial import Trial
 
 
-def measured_base(trial: Trial) -> BasePose | None:
-    """The pose of a free base at the trial's start, where its position and angles (`pose.in_angles`) were measured."""
+def measured_base(trial: Trial, step: float = 0.0) -> BasePose | None:
+    """The pose of a free base at the trial's start, where its position and angles (`pose.in_angles`) were measured, and its
+    speeds as steps of `step` s have them (`Instant.speed_of_steps`).
+    """
     position, orientation = trial.initial.get(POSITION), trial.initial.get(ORIENTATION)
     if position is None or orientation is None or orientation.labels != ANGLES:
         return None
@@ -24,7 +26,7 @@ def measured_base(trial: Trial) -> BasePose | None:
     ordered = position if position.labels == AXES else position.select(AXES)  # the same channel is not looked at again
     for channel, rates in ((ordered, None), (orientation, trial.initial.get(RATES))):
         begun = at_instant(channel, rates, trial.start)
-        state = np.array([begun.value, begun.speed])
+        state = np.array([begun.value, begun.speed_of_steps(step)])
         if channel.name in trial.corrections:
             labels = trial.initial[channel.name].labels
             state += trial.corrections[channel.name][:, [labels.index(n) for n in channel.labels]]
@@ -38,15 +40,19 @@ def at_rest(model: Model) -> tuple[Array, Array]:
     return np.array(place, dtype=np.float64), np.array(pace, dtype=np.float64)
 
 
-def measured_start(rest: tuple[Array, Array], trial: Trial, joints: Sequence[str]) -> tuple[Array, Array]:
-    """(k,), (k,) positions and velocities of `joints` at the trial's start, from its recording; else those of `rest`."""
+def measured_start(
+    rest: tuple[Array, Array], trial: Trial, joints: Sequence[str], step: float = 0.0
+) -> tuple[Array, Array]:
+    """(k,), (k,) positions and velocities of `joints` at the trial's start, from its recording, as steps of `step` s have them
+    (`Instant.speed_of_steps`); else those of `rest`.
+    """
     place, pace = (np.array(r) for r in rest)
     position, velocity = trial.initial.get("position"), trial.initial.get("velocity")
     velocity = velocity if velocity is not None and velocity.unit else None
     seen = set[str]()
     if position is not None:
         begun = at_instant(position, velocity, trial.start)
-        values, speeds = np.array([begun.value, begun.speed]) + trial.corrections.get("position", 0.0)
+        values, speeds = np.array([begun.value, begun.speed_of_steps(step)]) + trial.corrections.get("position", 0.0)
         for label, q, dq in zip(position.labels, values.tolist(), speeds.tolist(), strict=True):
             if label in joints and isfinite(q):
                 place[joints.index(label)], pace[joints.index(label)] = q, dq

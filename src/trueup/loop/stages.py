@@ -90,7 +90,7 @@ class Run:
         self.look, self.looks = look, self.looks + 1
         saved, self.saved = self.saved, None
         begins = self.looks == 1 and not (self.resumed or self.begun)
-        return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved, again=again)
+        return self._searched(look, nudge=float(__import__("os").environ.get("NUDGE","0.05")) if begins else 0.0, saved=saved, again=again)
 
     def again(self) -> None:
         """Goes through the last look once more from where it has ended, with other parameters free."""

@@ -74,7 +74,7 @@ class Run:
         count = len(simulator.quantities)
         self.settings = values[:, count:] if values.shape[1] > count else None
         self.contacts, self.compiled = contacts, simulator.compiled
-        self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, :count])
+        self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, :count], simulator.step)
         self.failures: list[dict[int, str]] = [{} for _ in trials]
         self.ends: list[dict[int, Ended]] = [{} for _ in trials]
         self.touched = False

@@ -96,7 +96,7 @@ class LoneJoints:
             )
         refuse_unsupported(self.name, trials, "ends", "disturbances", "sensing")
         values = np.atleast_2d(np.asarray(values, dtype=np.float64))
-        signals = Signals(self.whole.model, self.whole.quantities, trials, values)
+        signals = Signals(self.whole.model, self.whole.quantities, trials, values, self.step)
         sets, which = self._dynamics.sets(values)
         rigid = np.stack([self._dynamics.reference(own) for own in sets])
         done = []
