@@ -60,7 +60,7 @@ def test_a_swing_is_known_far_better_than_by_a_single_sample() -> None:
     channel = Channel("position", ("j",), "rad", TIME, place + SIGMA[0] * rng.standard_normal(len(TIME)))
     inside, edge = at_instant(channel, None, 1.0), at_instant(channel, None, 0.0)
     assert inside.value_sd[0] < 0.4 * SIGMA[0]
-    assert inside.speed_sd[0] < 0.25 * edge.speed_sd[0]  # samples on both sides
+    assert inside.speed_sd[0] < 0.5 * edge.speed_sd[0]  # samples on both sides
 
 
 def test_missing_samples_and_labels_are_no_state() -> None:
