@@ -24,7 +24,10 @@ CUBIC = 0.08
 MOVING = 3.0
 """Standard deviations of a speed's noise from which on something moves."""
 HARDLY = 0.05
-"""Of the fastest speed: what is slower hardly moves, and noise decides the sign of its speed."""
+"""Of the fastest speed, of the full command, of a range: what is less hardly moves, and noise decides its sign."""
+MISSING = 1.75
+"""Usual steps: where the next sample comes later than that one is missing: two steps, less what a clock jitters. With 1.5,
+logs of a servo on a busy bus (280 Hz) and of a car at 10 Hz would miss samples which they have."""
 STILL = 0.02
 """rad (m): a joint that goes less far rests."""
 

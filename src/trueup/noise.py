@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array
 from trueup.rounding import TINY
 
-_FEWEST = 8  # samples below which nothing is estimated
-
+FEWEST = 8
+"""Samples: of fewer nothing is estimated, and a part of a recording with fewer says nothing by itself."""
 OF_MEDIAN = 1.4826
 """Standard deviation of normal errors, in medians of their sizes."""
 
@@ -72,7 +72,7 @@ def estimate_grid(values: ArrayLike) -> float | None:
     """
     finite = np.asarray(values, dtype=np.float64)
     finite = finite[np.isfinite(finite)]
-    if finite.size < _FEWEST:
+    if finite.size < FEWEST:
         return None
     levels = np.unique(finite)
     # Numbers stored in single precision scatter about their grid by this much.
@@ -89,7 +89,7 @@ def estimate_grid(values: ArrayLike) -> float | None:
 
 def _scattered(columns: Array, time: Array) -> Array:
     """(k,) what scatters in columns (T, k) without gaps."""
-    if len(time) < _FEWEST:
+    if len(time) < FEWEST:
         return np.full(columns.shape[1], np.nan)
     # Of differences: low orders keep motion, high ones need many samples; motion only adds, so the least counts.
     orders = [order for order in (2, 3, 4, 6, 8) if len(time) >= 4 * order] or [2]

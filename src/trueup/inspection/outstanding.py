@@ -11,8 +11,6 @@ from trueup.samples import stretches_of
 
 NAME = "disturbed"
 """By which leaving such stretches out may be refused."""
-MOST = 0.5
-"""Of a recording: what differs for longer than that was another robot, another load, or a mistake in the log."""
 FAR = 5.0
 """Times how far a model is off anywhere else. In logs of real robots on which nothing acted the largest error of positions is
 up to 2.8 times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3), that of torques up to 1.3 (UR10 1.3, Panda,

@@ -17,7 +17,7 @@ from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
 from trueup.inspection.zeros import FAR, SETTLES
 from trueup.recording import Recording
-from trueup.samples import stretches_of
+from trueup.samples import MOSTLY, stretches_of
 from trueup.trial import command_of, shared_joints
 
 USUAL = 6.0
@@ -25,8 +25,6 @@ USUAL = 6.0
 LONG = SETTLES
 """s: half of it before and behind is left out too, since it shows late that
 nothing pulls, and a drive that is switched on again begins with a jerk."""
-_NEAR = 0.9
-"""Of the samples that are not so far beside: joints follow that are beside their commands as in that share of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +92,7 @@ def _released(one: _Apart, usual: Array) -> list[Gap]:
     stuck = _runs(far, one.time)
     if not stuck or far.all():
         return []
-    near = np.quantile(np.abs(one.apart[~far]), _NEAR, axis=0)
+    near = np.quantile(np.abs(one.apart[~far]), MOSTLY, axis=0)
     close: Mask = np.all(np.abs(one.apart) <= np.maximum(near, usual), axis=1)
     spans: list[tuple[int, int]] = []
     for first, last in stuck:

@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.evidence import FEWEST_PARTS
 from trueup.recording import Channel, Recording
+from trueup.samples import MOST
 
 GAINS: Mapping[str, tuple[str, ...]] = {
     "kp": ("kp", "p_gain", "kp_gain", "position_p_gain", "p_coefficient"),
@@ -22,8 +24,6 @@ _VOLTAGES = ("voltage", "vin", "supply_voltage", "battery_voltage", "input_volta
 """Under which a log names what feeds its drives, as a channel or a fact."""
 _ONE_BATTERY = 1.15
 """Voltage of a lithium cell, full, over that of the same one half empty (4.2 V, 3.65 V)."""
-_STRETCHES = 10  # of a recording, whose medians show how a battery goes down, and no dips of a moment
-_MOST = 0.5  # of a recording: shorter stretches of the same gains are no recording with a few of its ends cut off
 
 
 def setting(recording: Recording, quantity: str) -> dict[str, float]:
@@ -54,7 +54,7 @@ def with_steady_gains(recordings: Sequence[Recording]) -> tuple[list[Recording],
             result.append(recording)
             continue
         first, last = _longest(recording)
-        enough = last - first >= _MOST * recording.duration
+        enough = last - first >= MOST * recording.duration
         result.append(recording.slice(first, last) if enough else recording)
         done = (
             f"what is taken of it is where they do not, {first:.4g} to {last:.4g} s" if enough else
@@ -93,7 +93,8 @@ def _voltages(recording: Recording) -> tuple[float, ...]:
     for name in _VOLTAGES:
         if recording.has(name):
             values = recording.channel(name).values
-            stretches = [part[np.isfinite(part)] for part in np.array_split(values, min(_STRETCHES, len(values)))]
+            parts = np.array_split(values, min(FEWEST_PARTS, len(values)))  # whose medians show no dips of a moment
+            stretches = [part[np.isfinite(part)] for part in parts]
             found = tuple(float(np.median(part)) for part in stretches if len(part))
             return found if found and min(found) > 0.0 else ()
     facts = {key.lower().rsplit(".", 1)[-1]: text for key, text in recording.provenance.items()}

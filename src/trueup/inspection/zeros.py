@@ -20,7 +20,7 @@ from trueup.trial import command_of
 SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""
 FAR = 0.2
-"""rad or m: as far as the zero of a servo is searched."""
+"""rad or m: as far as the zero of a servo is searched, and as joints are found beyond the ranges of models."""
 AS_FAR = 2.0
 """Times as far, or as little, as it was told that no joint goes which follows its commands in their unit."""
 _ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion

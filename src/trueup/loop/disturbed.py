@@ -18,13 +18,14 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Replay
 from trueup.inspection.inspection import Gap
-from trueup.inspection.outstanding import MOST, NAME, joined, outstanding
+from trueup.inspection.outstanding import NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG, USUAL
 from trueup.inspection.repeats import BASE
 from trueup.loop.problem import Problem
 from trueup.noise import OF_MEDIAN
 from trueup.recording import Recording
+from trueup.samples import MOST
 from trueup.trial import command_of
 
 _JOINTS = "position"

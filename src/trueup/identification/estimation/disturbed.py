@@ -24,10 +24,11 @@ from trueup.identification.estimation.motion import Log, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
-from trueup.inspection.outstanding import FAR, MOST, NAME, joined, outstanding
+from trueup.inspection.outstanding import FAR, NAME, joined, outstanding
 from trueup.inspection.released import USUAL
 from trueup.noise import spread
 from trueup.rounding import TINY
+from trueup.samples import MOST
 
 _AGREE = 0.5
 """Of the samples: those that the fit is made to. As many may be disturbed as are not, and no fit can stand more."""
