@@ -14,7 +14,8 @@ from trueup.noise import estimate_noise
 from trueup.recording import Channel
 from trueup.rounding import ROUNDED
 
-_REACH = 0.25  # s to either side: what lies further off says nothing of an instant
+REACH = 0.25
+"""s to either side: what lies further off says nothing of an instant."""
 _KEPT = 2**16  # instants that are remembered: minutes cut into thousands of windows begin at each again and again
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
 
@@ -143,7 +144,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     if len(good) < fewest:  # a gap: whatever is nearest to it
         good = np.flatnonzero(np.isfinite(values))
     away = np.abs(channel.time[good] - time)
-    near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= _REACH).sum()))]]
+    near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
     noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
     rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
@@ -152,7 +153,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
 
 def _around(times: Array, time: float) -> tuple[int, int]:
     """The first and the last but one of the samples that may count, of instants (T,) in their order."""
-    first, stop = np.searchsorted(times, (time - _REACH, time + _REACH))
+    first, stop = np.searchsorted(times, (time - REACH, time + REACH))
     return max(int(first) - 1, 0), min(int(stop) + 1, len(times))
 
 

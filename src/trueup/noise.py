@@ -15,6 +15,11 @@ from trueup.rounding import TINY
 
 FEWEST = 8
 """Samples: of fewer nothing is estimated, and a part of a recording with fewer says nothing by itself."""
+UNUSUAL = 6.0
+"""Times what is usual (the median, or what comes next): further off is something else. In logs of real robots on which
+nothing acted, joints stay within three times what they are usually beside their commands, and the largest error of a model is
+up to 2.8 times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3; of torques UR10 1.3, Panda, TX40 1.1); a table
+in the way, or a push of 30 to 60 N, are 10 to 200 times."""
 OF_MEDIAN = 1.4826
 """Standard deviation of normal errors, in medians of their sizes."""
 

@@ -9,6 +9,9 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 
+COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))
+"""What counters count until they begin anew: words of 16 and 32 bits, with a sign or without, the realtime tick of
+Dynamixel servos (15 bits), the SysTick of ARM's cores (24)."""
 MOST = 0.5
 """Of a whole: what is so for more of it is the rule, and what is left the exception."""
 MOSTLY = 0.9

@@ -10,10 +10,9 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.evidence import HALVED
-from trueup.inspection.relations import nearest
+from trueup.inspection.relations import AS_FAR, nearest
 from trueup.inspection.requested import side_by_side
 from trueup.inspection.suspicions import in_another_unit
-from trueup.inspection.zeros import AS_FAR
 from trueup.instant import samples_of_cubic, usual_step
 from trueup.noise import FEWEST
 from trueup.recording import Channel, Recording

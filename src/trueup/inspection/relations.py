@@ -17,6 +17,8 @@ CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
 TOLERANCE = 0.12
 """Relative, of a factor: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
+AS_FAR = 2.0
+"""Times as far, or as little, as what it follows that nothing goes in the same unit, be it soft, filtered or late."""
 
 
 def factor(values: Array, reference: Array) -> float | None:

@@ -16,12 +16,11 @@ from trueup.arrays import Array, Mask
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
 from trueup.inspection.zeros import FAR, SETTLES
+from trueup.noise import UNUSUAL
 from trueup.recording import Recording
 from trueup.samples import MOSTLY, stretches_of
 from trueup.trial import command_of, shared_joints
 
-USUAL = 6.0
-"""Times what a joint is usually beside its command (the median): motion of any kind stays within about three."""
 LONG = SETTLES
 """s: half of it before and behind is left out too, since it shows late that
 nothing pulls, and a drive that is switched on again begins with a jerk."""
@@ -88,7 +87,7 @@ def _usual(every: Sequence[_Apart]) -> dict[str, float]:
 
 def _released(one: _Apart, usual: Array) -> list[Gap]:
     """Where the drives had let go, with what hangs on that before and behind; `usual` (k,) as `_usual`."""
-    far: Mask = np.any(_stuck(one, np.maximum(FAR, USUAL * usual)), axis=1)
+    far: Mask = np.any(_stuck(one, np.maximum(FAR, UNUSUAL * usual)), axis=1)
     stuck = _runs(far, one.time)
     if not stuck or far.all():
         return []

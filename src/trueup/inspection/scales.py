@@ -11,8 +11,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
-from trueup.inspection.relations import CORRELATED
-from trueup.inspection.zeros import AS_FAR, FAR
+from trueup.inspection.relations import AS_FAR, CORRELATED
+from trueup.inspection.zeros import FAR
 from trueup.instant import STILL
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording

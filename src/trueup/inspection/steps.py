@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.inspection.zeros import AS_FAR
+from trueup.inspection.relations import AS_FAR
 from trueup.instant import STILL
 from trueup.recording import Channel, Recording
 from trueup.samples import MOST

@@ -12,7 +12,7 @@ from trueup.arrays import Array
 from trueup.evidence import STANDARD_ERRORS
 from trueup.formats.table import listing
 from trueup.inspection.diagnosis import Diagnosis
-from trueup.inspection.relations import CORRELATED
+from trueup.inspection.relations import AS_FAR, CORRELATED
 from trueup.recording import Recording
 from trueup.samples import correlation
 from trueup.trial import command_of
@@ -21,8 +21,6 @@ SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""
 FAR = 0.2
 """rad or m: as far as the zero of a servo is searched, and as joints are found beyond the ranges of models."""
-AS_FAR = 2.0
-"""Times as far, or as little, as it was told that no joint goes which follows its commands in their unit."""
 _ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
 
 

@@ -32,8 +32,6 @@ BEYOND: Mapping[str, str] = MappingProxyType({
 """Commands, by their labels, of what is not simulated: a vehicle goes ahead and back, and turns by its front wheels."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "curvature", "turn")
-_IDLE = 0.02
-"""Share of the full command below which neither motor nor steering answers (dead bands, play): a car is not driven so."""
 
 
 def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
@@ -88,7 +86,7 @@ def refuse_beyond(recording: Recording, label: str, given: Channel, beside: Chan
     what is.
     """
     usual, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (beside, given))
-    if most <= _IDLE * usual:
+    if most <= HARDLY * usual:
         return
     name = given.labels[0]
     raise RecordingError(
@@ -113,7 +111,7 @@ def refuse_another_range(
     sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), np.nan, command.values)
     largest = np.nanmax(np.abs(sent - middle) / np.abs(full), axis=0, initial=0.0)
     shares = 0.0 < float(np.nanmax(np.abs(command.values))) <= MOST
-    if not (largest > MOST).any() and not (shares and (largest <= _IDLE).all()):
+    if not (largest > MOST).any() and not (shares and (largest <= HARDLY).all()):
         return
     reach = " and ".join(
         f"{label} goes from {low:.4g} to {high:.4g} ({m - abs(f):.4g} to {m + abs(f):.4g} in the file)"

@@ -11,14 +11,12 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
 from trueup.recording import Channel, Recording
-from trueup.samples import unwound
+from trueup.samples import COUNTS, unwound
 from trueup.tracking.commands import MOST, held, refuse_beyond, signals
 
 SIDES = ("left", "right")
 DUTIES = ("left_duty", "right_duty")
 """Labels of commands that are shares of what motors can do (PWM, power, voltage), in whatever numbers: never a speed."""
-_WRAPS = (2.0**16, 2.0**32)
-"""Counts after which a counter begins anew."""
 
 
 @dataclass(frozen=True)
@@ -157,8 +155,8 @@ def _rolled(recording: Recording, wheels: Wheels) -> tuple[Channel, ...]:
 
 
 def unwrapped(counts: Array) -> Array:
-    """(T,) what a counter that begins anew after 16 or 32 bits has counted."""
+    """(T,) what a counter that begins anew when it is full has counted."""
     known = np.isfinite(counts)
     most = np.abs(np.diff(counts[known])).max(initial=0.0)
-    wraps = next((w for w in _WRAPS if 0.5 * w < most <= w and np.ptp(counts[known]) <= w), None)
+    wraps = next((w for w in COUNTS if 0.5 * w < most <= w and np.ptp(counts[known]) <= w), None)
     return counts if wraps is None else unwound(counts, wraps)

@@ -16,7 +16,7 @@ from trueup.formats.rules.sizes import instants_of, usable
 from trueup.formats.rules.vehicles import Signal
 from trueup.formats.rules.wheels import Pair, in_pulses
 from trueup.inspection.alignment import averaged
-from trueup.inspection.relations import rate
+from trueup.inspection.relations import AS_FAR, rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
 from trueup.samples import correlation
@@ -25,8 +25,6 @@ from trueup.units import PULSE_FULL, PULSE_MIDDLE
 
 _CLEARLY = 0.5
 """Sum of two correlations by which wheels that are mixed up or count backwards must explain a drive better."""
-_ABOUT = 0.5
-"""What one wheel moves a robot, of what the other does: less is something else than a wheel."""
 _BOTH = (1.0, 1.0)
 _SIGNS = (_BOTH, (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 
@@ -144,7 +142,7 @@ def _as_much(pair: Pair, forward: Channel, turned: Channel, time: TimeColumn) ->
     for motion in (forward, turned):
         shown = np.interp(told[0].time, motion.time, motion.values[:, 0])
         shares = np.abs(np.linalg.lstsq(columns, shown - shown.mean(), rcond=None)[0])
-        if shares.min() < _ABOUT * shares.max():
+        if AS_FAR * shares.min() < shares.max():  # one is something else than a wheel
             return False
     return True
 
