@@ -21,9 +21,6 @@ from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import DATE
 from trueup.units import to_si
 
-# The squares of such numbers overflow: damage, not a measurement.
-_ABSURD = 1e150
-
 
 def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance: Mapping[str, str]) -> Recording:
     """The recording that `mapping` makes of `tables`.
@@ -144,7 +141,8 @@ def _values(role: str, entry: ChannelColumns, table: Table) -> tuple[Array, tupl
     factor, zero = np.array([to_si(u)[1:] for u in entry.units or (entry.unit,)]).T
     with np.errstate(over="ignore", invalid="ignore"):
         values = (raw * scale + offset) * sign * factor + zero
-    values[~(np.abs(values) < _ABSURD)] = np.nan
+    largest = np.sqrt(np.finfo(np.float64).max)  # squares of what is larger overflow: damage, not a measurement
+    values[~(np.abs(values) < largest)] = np.nan
     return values, tuple(labels)
 
 

@@ -15,11 +15,10 @@ from trueup.instant import MISSING, usual_step
 from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import PRINTED
-from trueup.samples import stretches_of
+from trueup.samples import MOST, stretches_of
 
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
 _MEASURED = ("position", "velocity", "torque", "current")
-_EVENTS = 0.5  # jitter as a share of the usual step, beyond which commands come when they change (by chance: about 1)
 _STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
 
 
@@ -249,7 +248,7 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
     if channel.gaps:
         yield _of_gaps(channel)
     scatter = channel.jitter * channel.rate if np.isfinite(channel.rate) else 0.0
-    if is_command(channel.name) and scatter > _EVENTS:
+    if is_command(channel.name) and scatter > MOST:  # of commands that come by chance it is about 1
         if not channel.gaps:
             yield "commands come at no rate: right where only changes were logged, as each stays in force until the next"
     elif scatter > _JITTER:

@@ -8,13 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.inspection.relations import AS_FAR
+from trueup.inspection.relations import AS_FAR, TOLERANCE
 from trueup.instant import STILL
 from trueup.recording import Channel, Recording
 from trueup.samples import MOST
 from trueup.trial import command_of
 
-_SCATTER = 0.15  # of the logarithm of the speeds about their law
 _SAME_SPEED, _SAME_ACCELERATION = 0.3, 0.65  # exponents of speed by size of the step: 0, 1/2; linear servos have 1
 _TRIANGLE = 0.853  # speed over sqrt(acceleration x step) between a quarter and three quarters of the way
 
@@ -62,7 +61,7 @@ def _law(found: Array) -> tuple[float, float, float] | None:
     if size.max() < AS_FAR * size.min():
         return None
     exponent, level = np.polyfit(np.log(size), np.log(speed), 1)
-    if np.std(np.log(speed) - level - exponent * np.log(size)) > _SCATTER:
+    if np.std(np.log(speed) - level - exponent * np.log(size)) > TOLERANCE:
         return None
     large = size >= np.median(size)
     return float(exponent), float(np.median(speed[large])), float(np.median(_acceleration(size, speed)))

@@ -21,7 +21,6 @@ SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""
 FAR = 0.2
 """rad or m: as far as the zero of a servo is searched, and as joints are found beyond the ranges of models."""
-_ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
 
 
 def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -85,7 +84,8 @@ def _all_along(recording: Recording, joint: str) -> float:
         return 0.0
     apart = float(np.median(position - told))
     follows = correlation(position, told) > CORRELATED  # or something holds it
-    return apart if follows and abs(apart) > _ALL_ALONG * float(np.std(position - told)) else 0.0
+    # Lags and sags change with the motion.
+    return apart if follows and abs(apart) > STANDARD_ERRORS * float(np.std(position - told)) else 0.0
 
 
 def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnosis | None:

@@ -23,7 +23,6 @@ from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 from trueup.units import GRAVITY
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
-_FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
 _LATE, _FEW = 0.05, 10  # s; samples that tell what is usual
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 
@@ -173,7 +172,7 @@ def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
     usual = np.linalg.norm(points[1:] - points[:-1], axis=1) / np.diff(time)
     fastest = 3.0 + 4.0 * float(np.median(usual))
     often = _often(time, points)  # also where the car stands most of the time
-    return noise, max(min(fastest, _FASTEST), 2.0 * often) if np.isfinite(often) else fastest
+    return noise, max(fastest, 2.0 * often) if np.isfinite(often) else fastest
 
 
 def _gone_on(time: Array, points: Array, noise: float, fastest: float) -> Mask:

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
+from trueup.inspection.relations import AS_FAR
 from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
@@ -18,8 +19,6 @@ from trueup.trial import command_of
 COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""
 
-MOST = 2.0
-"""Commands beyond are no shares of the full command."""
 TOGETHER = (
     "put the files of one drive into one folder, drives/d1/cmd.csv and drives/d1/pose.csv, and give the folder drives"
 )
@@ -110,8 +109,8 @@ def refuse_another_range(
         return
     sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), np.nan, command.values)
     largest = np.nanmax(np.abs(sent - middle) / np.abs(full), axis=0, initial=0.0)
-    shares = 0.0 < float(np.nanmax(np.abs(command.values))) <= MOST
-    if not (largest > MOST).any() and not (shares and (largest <= HARDLY).all()):
+    shares = 0.0 < float(np.nanmax(np.abs(command.values))) <= AS_FAR
+    if not (largest > AS_FAR).any() and not (shares and (largest <= HARDLY).all()):
         return
     reach = " and ".join(
         f"{label} goes from {low:.4g} to {high:.4g} ({m - abs(f):.4g} to {m + abs(f):.4g} in the file)"
@@ -187,7 +186,7 @@ def effective(
         command = command.replace(values=(sent - middle) / full)
     for label in (label for label in COMMAND if full is None and not command.unit_of(label)):
         largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
-        if largest > MOST:
+        if largest > AS_FAR:
             raise RecordingError(
                 f"recording '{recording.name}': {label} reaches {largest:.4g}; a car's commands are shares, -1 ... 1: say in "
                 f"the mapping's [channels.command] scale = [...] with {1.0 / _round_up(largest):.3g} for {label} (and offset "

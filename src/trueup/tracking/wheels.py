@@ -10,9 +10,10 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
+from trueup.inspection.relations import AS_FAR
 from trueup.recording import Channel, Recording
 from trueup.samples import COUNTS, unwound
-from trueup.tracking.commands import MOST, held, refuse_beyond, signals
+from trueup.tracking.commands import held, refuse_beyond, signals
 
 SIDES = ("left", "right")
 DUTIES = ("left_duty", "right_duty")
@@ -98,7 +99,7 @@ def refuse_another_unit(recording: Recording, full: tuple[float, float] | None) 
         any(any(c.units) for c in told),
         max((float(np.nanmax(np.abs(c.values))) for c in told), default=0.0),
     )
-    if full is None or not told or (in_si or largest <= MOST if full == (1.0, 1.0) else not in_si):
+    if full is None or not told or (in_si or largest <= AS_FAR if full == (1.0, 1.0) else not in_si):
         return
     said, known = (
         ("have none", "m/s or shares")

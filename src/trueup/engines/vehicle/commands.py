@@ -13,11 +13,11 @@ from trueup.arrays import Array
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
-from trueup.inspection.relations import nearest
+from trueup.inspection.relations import AS_FAR, nearest
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
-from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
+from trueup.tracking.commands import COMMAND, driven_by, told_to_turn, turned_on_the_spot
 from trueup.tracking.past import Past
 from trueup.tracking.wheels import Wheels, as_driven, told_duties
 from trueup.trial import Trial
@@ -150,7 +150,7 @@ def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, fl
         raise RecordingError(f"no recording holds a number for {label}")
     if are_pulses(values):
         return PULSE_MIDDLE, PULSE_FULL
-    return 0.0, _rounded(values) if float(np.abs(values).max()) > MOST else 1.0
+    return 0.0, _rounded(values) if float(np.abs(values).max()) > AS_FAR else 1.0
 
 
 def _rounded(values: Array) -> float:
