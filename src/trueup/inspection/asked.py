@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.evidence import HALVED
-from trueup.inspection.relations import AS_FAR, nearest
+from trueup.inspection.relations import nearest
 from trueup.inspection.requested import side_by_side
 from trueup.inspection.suspicions import in_another_unit
 from trueup.instant import samples_of_cubic, usual_step
@@ -19,7 +19,7 @@ from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import correlation
 from trueup.trial import Trial
-from trueup.units import hardly_radians, to_si
+from trueup.units import AS_FAR, hardly_radians, to_si
 
 _TIMES = ("ms", "us", "ns", "min")
 """Units of clocks, in which a log is written or as which one in s is read."""

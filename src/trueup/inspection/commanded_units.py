@@ -13,13 +13,13 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.evidence import FEWEST_PARTS, STANDARD_ERRORS, jackknife
 from trueup.inspection.number_scales import APART, NumberScale, Seen, groups, known_scales, spread, sure_to
-from trueup.inspection.relations import AS_FAR, CORRELATED, rate
+from trueup.inspection.relations import CORRELATED, rate
 from trueup.inspection.scales import Way
 from trueup.inspection.zeros import FAR, SETTLES
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
 from trueup.trial import COMMANDS, LOOK, command_of
-from trueup.units import hardly_radians
+from trueup.units import AS_FAR, hardly_radians
 
 Loads = Callable[[Recording], Mapping[str, Array]]
 """By joint, (T,) torques by which its weight pulls at a recording's positions: servos sag by a share of that."""

@@ -17,9 +17,6 @@ CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
 TOLERANCE = 0.12
 """Relative, of a factor or speed: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
-AS_FAR = 2.0
-"""Times as far, or as little, as what it follows that nothing goes in the same unit, be it soft, filtered or late; commands
-that are so many times the full one are no shares of it."""
 
 
 def factor(values: Array, reference: Array) -> float | None:

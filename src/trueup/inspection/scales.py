@@ -11,14 +11,14 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
-from trueup.inspection.relations import AS_FAR, CORRELATED
+from trueup.inspection.relations import CORRELATED
 from trueup.inspection.zeros import FAR
 from trueup.instant import STILL
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
 from trueup.trial import COMMANDS, command_of
-from trueup.units import hardly_radians, to_si
+from trueup.units import AS_FAR, hardly_radians, to_si
 
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 _HARDLY = 3.0

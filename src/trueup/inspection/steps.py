@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.inspection.relations import AS_FAR, TOLERANCE
+from trueup.inspection.relations import TOLERANCE
 from trueup.instant import STILL
 from trueup.recording import Channel, Recording
 from trueup.samples import MOST
 from trueup.trial import command_of
+from trueup.units import AS_FAR
 
 _SAME_SPEED, _SAME_ACCELERATION = 0.3, 0.65  # exponents of speed by size of the step: 0, 1/2; linear servos have 1
 _TRIANGLE = 0.853  # speed over sqrt(acceleration x step) between a quarter and three quarters of the way

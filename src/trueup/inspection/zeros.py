@@ -12,10 +12,11 @@ from trueup.arrays import Array
 from trueup.evidence import STANDARD_ERRORS
 from trueup.formats.table import listing
 from trueup.inspection.diagnosis import Diagnosis
-from trueup.inspection.relations import AS_FAR, CORRELATED
+from trueup.inspection.relations import CORRELATED
 from trueup.recording import Recording
 from trueup.samples import correlation
 from trueup.trial import command_of
+from trueup.units import AS_FAR
 
 SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""

@@ -10,11 +10,11 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
-from trueup.inspection.relations import AS_FAR
 from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import command_of
+from trueup.units import AS_FAR
 
 COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""

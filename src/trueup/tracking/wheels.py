@@ -10,10 +10,10 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
-from trueup.inspection.relations import AS_FAR
 from trueup.recording import Channel, Recording
 from trueup.samples import COUNTS, unwound
 from trueup.tracking.commands import held, refuse_beyond, signals
+from trueup.units import AS_FAR
 
 SIDES = ("left", "right")
 DUTIES = ("left_duty", "right_duty")

@@ -13,7 +13,7 @@ from trueup.arrays import Array
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
-from trueup.inspection.relations import AS_FAR, nearest
+from trueup.inspection.relations import nearest
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
@@ -21,7 +21,7 @@ from trueup.tracking.commands import COMMAND, driven_by, told_to_turn, turned_on
 from trueup.tracking.past import Past
 from trueup.tracking.wheels import Wheels, as_driven, told_duties
 from trueup.trial import Trial
-from trueup.units import PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
+from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
 _WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {

@@ -15,8 +15,8 @@ from trueup.formats.mapping import ChannelColumns, TimeColumn
 from trueup.formats.rules import joints
 from trueup.formats.rules.joints import BY_KIND
 from trueup.formats.rules.rule import Column
-from trueup.inspection.relations import AS_FAR, factor, nearest, rate
-from trueup.units import hardly_radians, to_si
+from trueup.inspection.relations import factor, nearest, rate
+from trueup.units import AS_FAR, hardly_radians, to_si
 
 _TURN = 4096
 """Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""

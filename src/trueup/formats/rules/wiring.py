@@ -16,12 +16,12 @@ from trueup.formats.rules.sizes import instants_of, usable
 from trueup.formats.rules.vehicles import Signal
 from trueup.formats.rules.wheels import Pair, in_pulses
 from trueup.inspection.alignment import averaged
-from trueup.inspection.relations import AS_FAR, rate
+from trueup.inspection.relations import rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
 from trueup.samples import correlation
 from trueup.tracking.wheels import SIDES
-from trueup.units import PULSE_FULL, PULSE_MIDDLE
+from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE
 
 _CLEARLY = 0.5
 """Sum of two correlations by which wheels that are mixed up or count backwards must explain a drive better."""
