@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.evidence import HALVED
-from trueup.inspection.relations import nearest
+from trueup.inspection.relations import ALIKE, nearest
 from trueup.inspection.requested import side_by_side
 from trueup.inspection.suspicions import in_another_unit
 from trueup.instant import samples_of_cubic, usual_step
@@ -93,9 +93,9 @@ def swapped(asked: Channel, recording: Recording) -> Unlike | None:
             continue
         alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
         best = int(np.argmax(alike))
-        if best != k and alike[best] > 0.8 and alike[k] < 0.5:
+        if best != k and alike[best] > 0.8 and alike[k] < ALIKE:
             own = correlation(moved[:, best], request[:, best])
-            if own >= 0.5 and alike[k] >= -0.8:
+            if own >= ALIKE and alike[k] >= -0.8:
                 continue  # the other is where it belongs: this one gives way under the load that the other's motion brings
             turned = f", or '{label}' is logged with the other sign" if alike[k] < -0.8 and own > 0.8 else ""
             followed = f"the position of '{label}' follows what was asked of '{labels[best]}'"

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.inspection.relations import CORRELATED, rate
+from trueup.inspection.relations import ALIKE, rate
 from trueup.inspection.settings import ALL, setting
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
@@ -99,7 +99,7 @@ def _is_added(kind: str, channel: Channel, command: Channel) -> bool:
         when, wanted = rate(command.column(label), command.time)
         pairs.append((np.interp(when, channel.time, channel.column(label)), wanted))
     told, wanted = (np.concatenate(side) for side in zip(*pairs, strict=True)) if pairs else (np.zeros(2), np.zeros(2))
-    return correlation(told, wanted) > CORRELATED  # a greatest speed is commanded, too
+    return correlation(told, wanted) > ALIKE  # a greatest speed is commanded, too
 
 
 def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Channel]) -> bool:
