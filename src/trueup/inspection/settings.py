@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.evidence import FEWEST_PARTS
 from trueup.recording import Channel, Recording
 from trueup.samples import MOST
 
@@ -24,6 +23,7 @@ _VOLTAGES = ("voltage", "vin", "supply_voltage", "battery_voltage", "input_volta
 """Under which a log names what feeds its drives, as a channel or a fact."""
 _ONE_BATTERY = 1.15
 """Voltage of a lithium cell, full, over that of the same one half empty (4.2 V, 3.65 V)."""
+_STRETCHES = 10  # of a recording, whose medians show how a battery goes down, and no dips of a moment
 
 
 def setting(recording: Recording, quantity: str) -> dict[str, float]:
@@ -93,8 +93,7 @@ def _voltages(recording: Recording) -> tuple[float, ...]:
     for name in _VOLTAGES:
         if recording.has(name):
             values = recording.channel(name).values
-            parts = np.array_split(values, min(FEWEST_PARTS, len(values)))  # whose medians show no dips of a moment
-            stretches = [part[np.isfinite(part)] for part in parts]
+            stretches = [part[np.isfinite(part)] for part in np.array_split(values, min(_STRETCHES, len(values)))]
             found = tuple(float(np.median(part)) for part in stretches if len(part))
             return found if found and min(found) > 0.0 else ()
     facts = {key.lower().rsplit(".", 1)[-1]: text for key, text in recording.provenance.items()}
