@@ -13,20 +13,23 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.inspection.relations import CORRELATED
 from trueup.inspection.zeros import FAR
-from trueup.instant import STILL
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
 from trueup.trial import COMMANDS, command_of
-from trueup.units import AS_FAR, hardly_radians, to_si
+from trueup.units import hardly_radians, to_si
 
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 _HARDLY = 3.0
 """Numbers that a joint spans which moves in rad; in degrees it hardly moves."""
+_STILL = 0.1
+"""Numbers that a joint spans which stands still, in either unit."""
 _ENCODERS = 8.0
 """Times that steps of a robot's encoders differ, at most: 4096 and 512 counts of a turn; degrees and rad do by 57."""
 BESIDE = 0.1
 """Of its range (or of shares of it) that a slide may be measured beyond its ends."""
+_FARTHER = 4.0
+"""Times as far as it was told that no joint goes which follows its commands in their unit; in degrees it is 57."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
@@ -103,7 +106,7 @@ def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> N
 
         for label in (j for j in channel.labels if j in joints and not joints[j].slides):
             times = _times_as_far(recording, label)
-            if times > AS_FAR:
+            if times > _FARTHER:
                 turn = math.tau * times
                 raise RecordingError(
                     f"'{recording.name}': positions have no unit, and '{label}' moves {times:.4g} times as far as it is "
@@ -186,7 +189,7 @@ def _rad_sized(way: Way, values: Array) -> bool:
     """Whether a joint that moves stays within its range in rad, and would hardly move in degrees."""
     span = float(np.nanmax(values) - np.nanmin(values))
     within = way.ends[0] - FAR <= np.nanmin(values) and np.nanmax(values) <= way.ends[1] + FAR
-    return bool(within and STILL < span < _HARDLY)
+    return bool(within and _STILL < span < _HARDLY)
 
 
 def _hinges(joints: Mapping[str, Way], channel: Channel, but: Sequence[str] = ()) -> Array:

@@ -13,7 +13,7 @@ from trueup.arrays import Array, Mask
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import PRINTED
-from trueup.samples import MOST, wrapped
+from trueup.samples import wrapped
 from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
 from trueup.tracking.joined import end_to_end, joined, sudden, there_and_back, told
@@ -24,6 +24,7 @@ from trueup.units import GRAVITY
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _LATE, _FEW = 0.05, 10  # s; samples that tell what is usual
+_CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 
 
@@ -137,7 +138,7 @@ def _of_the_car(recording: Recording, position: Channel, heading: Channel | None
     rows, time, points = rows[gone_on], time[gone_on], points[gone_on]
     pieces = _pieces(time, points, angle[rows], noise, fastest)
     believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else []
-    if sum(b - a for a, b in believed) < MOST * len(rows):  # no wheel speed, or not in m/s
+    if sum(b - a for a, b in believed) < _CONTRADICTED * len(rows):  # no wheel speed, or not in m/s
         believed = _following(time, points, pieces, noise, fastest)
     for start, stop in believed:
         good[rows[start:stop]] = True

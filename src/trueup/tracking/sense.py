@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import FEWEST_PARTS, STANDARD_ERRORS, evidence
 from trueup.recording import Channel, Recording
-from trueup.samples import MOSTLY
 from trueup.tracking.heading import SPAN, motion, telling, told_by
 
 _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
+
+_SURE = 0.85  # share of the squares of moves that lies along the heading, less that across: an angle of 0.28 rad, rms
 
 Source = tuple[str, ...]
 """Where a heading comes from: recordings that agree on it were logged alike."""
@@ -68,7 +69,7 @@ class Moves:
 
     def shows(self, sign: float) -> bool:
         """Whether they go along the heading of this sign, from whatever zero."""
-        return _tell([self]) and abs(self.along(sign)) >= MOSTLY * self.squares.sum()
+        return _tell([self]) and abs(self.along(sign)) >= _SURE * self.squares.sum()
 
     def across(self, sign: float, zero: float) -> Array:
         """(B,) squares in m^2 of what lies across the heading, block by block."""
@@ -108,9 +109,9 @@ class Sense:
             return cls()
         total = float(sum(d.squares.sum() for d in drives))
         axes = {sign: sum(d.along(sign) for d in drives) for sign in (1.0, -1.0)}
-        one = max(abs(axis) for axis in axes.values()) >= MOSTLY * total  # zero for all of them
+        one = max(abs(axis) for axis in axes.values()) >= _SURE * total  # zero for all of them
         sign = -1.0 if _clearer(drives, -1.0, axes if one else None) else 1.0
-        if abs(axes[sign]) < MOSTLY * total:
+        if abs(axes[sign]) < _SURE * total:
             return cls(sign)
         return cls(sign, _directed(drives, sign, 0.5 * float(np.angle(axes[sign]))))
 
@@ -164,7 +165,7 @@ def _clearer(drives: Collection[Moves], sign: float, axes: Mapping[float, comple
         for s in (sign, -sign)
     }
     total = float(sum(d.squares.sum() for d in drives))
-    if not _tell(drives) or total - 2.0 * across[sign].sum() < MOSTLY * total:
+    if not _tell(drives) or total - 2.0 * across[sign].sum() < _SURE * total:
         return False
     return evidence(across[-sign], across[sign], across[sign] + across[-sign]).holds
 
