@@ -15,7 +15,8 @@ from trueup.noise import estimate_noise
 from trueup.recording import Channel
 from trueup.rounding import ROUNDED
 
-_REACH = 0.25  # s to either side: what lies further off says nothing of an instant
+REACH = 0.25
+"""s to either side: what lies further off says nothing of an instant."""
 _KEPT = 2**16  # instants that are remembered: minutes cut into thousands of windows begin at each again and again
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
 _DEGREES = 2, 3  # of the polynomials through each window: what accelerates evenly, and what is jerked
@@ -26,7 +27,10 @@ CUBIC = 0.08
 MOVING = 3.0
 """Standard deviations of a speed's noise from which on something moves."""
 HARDLY = 0.05
-"""Of the fastest speed: what is slower hardly moves, and noise decides the sign of its speed."""
+"""Of the fastest speed, of the full command, of a range: what is less hardly moves, and noise decides its sign."""
+MISSING = 1.75
+"""Usual steps: where the next sample comes later than that one is missing: two steps, less what a clock jitters. With 1.5,
+logs of a servo on a busy bus (280 Hz) and of a car at 10 Hz would miss samples which they have."""
 STILL = 0.02
 """rad (m): a joint that goes less far rests."""
 
@@ -168,7 +172,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     if len(good) < fewest:  # a gap: whatever is nearest to it
         good = np.flatnonzero(np.isfinite(values))
     away = np.abs(channel.time[good] - time)
-    near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= _REACH).sum()))]]
+    near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
     noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
     rows = [one, t, t**2 / 2.0, t**3 / 6.0] if order == 0 else [0.0 * one, one, t, t**2 / 2.0]
@@ -177,7 +181,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
 
 def _around(times: Array, time: float) -> tuple[int, int]:
     """The first and the last but one of the samples that may count, of instants (T,) in their order."""
-    first, stop = np.searchsorted(times, (time - _REACH, time + _REACH))
+    first, stop = np.searchsorted(times, (time - REACH, time + REACH))
     return max(int(first) - 1, 0), min(int(stop) + 1, len(times))
 
 

@@ -17,6 +17,8 @@ PRINTED = 1e-6
 """What numbers lose that are written with six digits: relative, in SI units of robots, or of a step between instants."""
 SAME_INSTANT = 1e-9
 """s: clocks are printed with a few decimals, and sums of steps round; instants closer than this are the same."""
+DATE = 1e7
+"""s: clocks further from zero count from a date, and are moved to begin at 0, which keeps their precision."""
 
 
 def whole_steps(duration: float, step: float) -> int:

@@ -9,6 +9,14 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 
+COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))
+"""What counters count until they begin anew: words of 16 and 32 bits, with a sign or without, the realtime tick of
+Dynamixel servos (15 bits), the SysTick of ARM's cores (24)."""
+MOST = 0.5
+"""Of a whole: what is so for more of it is the rule, and what is left the exception."""
+MOSTLY = 0.9
+"""Of a whole: what is so for as much of it counts as so for all. The tenth that is left are rows that a log has lost, samples
+with errors of a bus, moments in which a robot turns round."""
 _UNIT_NORM = 0.1
 """How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
 

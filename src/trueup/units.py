@@ -25,6 +25,10 @@ FURTHEST_TURN = 2.0 * _TURN
 """rad. Joints of arms and legs stay within two turns of their zero, while 12.6 degrees are a small motion: angles that
 reach further are in degrees, or those of a motor before its gear."""
 
+AS_FAR = 2.0
+"""Times as far, or as little, as what it follows that nothing goes in the same unit, be it soft, filtered or late; commands
+that are so many times the full one are no shares of it."""
+
 _UNITS: Mapping[str, tuple[str, float, float]] = MappingProxyType(
     {
         "": ("", 1.0, 0.0),

@@ -10,11 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.inspection.relations import ALIKE
 from trueup.recording import Channel
 from trueup.samples import correlation, in_force
-
-_ALIKE = 0.5
-"""Correlation of what was logged as speeds with the rate of the positions: a greatest speed is commanded, too."""
 
 
 def paces(command: Channel, pace: Channel | None) -> Array:
@@ -29,6 +27,6 @@ def paces(command: Channel, pace: Channel | None) -> Array:
         if pace is None or label not in pace.labels or pace.unit_of(label) != f"{command.unit_of(label)}/s":
             continue
         told = np.nan_to_num(pace.select([label]).at(command.time, hold=True)[:, 0])
-        if correlation(told, rates[:, column]) > _ALIKE:
+        if correlation(told, rates[:, column]) > ALIKE:  # a greatest speed is commanded, too
             rates[:, column] = told
     return rates

@@ -18,12 +18,8 @@ from trueup.formats.rules.joints import joint_labels
 from trueup.formats.rules.names import is_time
 from trueup.formats.table import Table, listing, shown
 from trueup.recording import Channel, Recording, with_warnings
+from trueup.rounding import DATE
 from trueup.units import to_si
-
-# Clocks further from zero than this [s] count from a date: they are moved to begin at 0, which keeps their precision.
-_DATE = 1e7
-# The squares of such numbers overflow: damage, not a measurement.
-_ABSURD = 1e150
 
 
 def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance: Mapping[str, str]) -> Recording:
@@ -145,7 +141,8 @@ def _values(role: str, entry: ChannelColumns, table: Table) -> tuple[Array, tupl
     factor, zero = np.array([to_si(u)[1:] for u in entry.units or (entry.unit,)]).T
     with np.errstate(over="ignore", invalid="ignore"):
         values = (raw * scale + offset) * sign * factor + zero
-    values[~(np.abs(values) < _ABSURD)] = np.nan
+    largest = np.sqrt(np.finfo(np.float64).max)  # squares of what is larger overflow: damage, not a measurement
+    values[~(np.abs(values) < largest)] = np.nan
     return values, tuple(labels)
 
 
@@ -257,7 +254,7 @@ def _clock(column: str, unit: str, table: Table) -> Array:
 def _from_zero(channels: Mapping[str, Channel]) -> tuple[dict[str, Channel], float]:
     """Clocks that count from a date moved to begin at 0, and by how much [s]."""
     first = min(float(c.time[0]) for c in channels.values())
-    if abs(first) < _DATE:
+    if abs(first) < DATE:
         return dict(channels), 0.0
     return {name: c.replace(time=c.time - first) for name, c in channels.items()}, first
 

@@ -8,11 +8,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.formats.clock import Samples
 from trueup.formats.table import Table
-
-# From this share of empty rows on, a channel has a slower clock than its table, rather than missing samples.
-_BLANK = 0.4
-_ELSEWHERE = 0.5
-"""Share of a column's values that come where a channel has none, from which on it is of another topic."""
+from trueup.samples import MOST
 
 
 def of_a_topic(values: Array, table: Table) -> bool:
@@ -23,14 +19,15 @@ def of_a_topic(values: Array, table: Table) -> bool:
     if len(blank) != table.length or not blank.any() or blank.all():
         return False
     there = [known if known.ndim == 1 else known.any(axis=1) for known in map(np.isfinite, table.columns.values())]
-    others = [known for known in there if known.any() and float(np.mean(blank[known])) > _ELSEWHERE]
-    return bool(others) and float(np.mean(np.any(others, axis=0)[blank])) > 1.0 - _BLANK
+    others = [known for known in there if known.any() and float(np.mean(blank[known])) > MOST]
+    return bool(others) and float(np.mean(np.any(others, axis=0)[blank])) > MOST
 
 
 def without_blanks(samples: Samples, role: str, *, topic: bool) -> Samples:
     """Drops the rows in which a table of several clocks has nothing for this channel; of a `topic` without a word."""
     blank = np.asarray(np.isnan(samples.values).all(axis=1))
-    if np.all(blank) or (np.mean(blank) < _BLANK and not topic):
+    # Of most rows empty, a channel has a slower clock than its table, rather than missing samples.
+    if np.all(blank) or (np.mean(blank) < MOST and not topic):
         return samples
     note = f"{role}: {int(blank.sum())} of {len(blank)} rows have no value for it and were left out"
     warnings = samples.warnings if topic else (*samples.warnings, note)

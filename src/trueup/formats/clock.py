@@ -13,13 +13,11 @@ from trueup.errors import ClockError, FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
 from trueup.instant import usual_step
+from trueup.samples import COUNTS
 from trueup.units import canonical, to_si
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 SLOWEST, FASTEST = 2.0, 20_000.0
-COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))
-"""What counters count until they begin anew: words of 16 and 32 bits, with a sign or without, the realtime tick of
-Dynamixel servos (15 bits), the SysTick of ARM's cores (24)."""
 _ROUNDS = tuple(counts * to_si(unit)[1] for counts in COUNTS for unit in ("ms", "us", "ns"))
 _EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
 

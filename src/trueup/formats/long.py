@@ -12,17 +12,12 @@ from trueup.arrays import Array, Integers
 from trueup.formats.cells import numbered
 from trueup.formats.rules.joints import read as reading_of
 from trueup.formats.rules.names import is_time, taken_apart, words
-from trueup.formats.table import Table
+from trueup.formats.table import JOINTS, Table
+from trueup.samples import MOSTLY
 
 _COUNTED = frozenset(["id", "name", "number", "nr", "no"])
 _WHOSE = frozenset(["servo", "motor", "joint", "dxl", "axis", "actuator", "drive", "marker"]) | _COUNTED
 """Words of a column that says which joint a row is of."""
-_MOST = 64
-"""Joints; with more, a column counts something else."""
-_THERE = 0.9
-"""Share of the instants at which joints are there, from which all have one clock; likewise of rows that come in turn. Of the
-others a row was lost.
-"""
 
 
 def one_row_an_instant(table: Table) -> Table:
@@ -37,7 +32,7 @@ def one_row_an_instant(table: Table) -> Table:
     whose, clock, rows = found
     times = {label: table.columns[clock][at] for label, at in rows.items()}
     every = np.unique(np.concatenate(list(times.values())))
-    one_clock = sum(map(len, times.values())) > _THERE * len(every) * len(times)
+    one_clock = sum(map(len, times.values())) > MOSTLY * len(every) * len(times)
     first = max(rows, key=lambda label: len(rows[label]))
     instants = every if one_clock else times[first]
     columns: dict[str, Array] = {clock: instants}
@@ -81,7 +76,7 @@ def _rows(name: str, cells: Array | Sequence[str]) -> dict[str, Integers]:
     else:
         keys = cells
         labels = {v: f"{kind}_{v:g}" for v in np.unique(keys[np.isfinite(keys)]).tolist()}
-    if not np.all(np.isfinite(keys)) or np.any(keys != np.round(keys)) or not 1 < len(labels) <= _MOST:
+    if not np.all(np.isfinite(keys)) or np.any(keys != np.round(keys)) or not 1 < len(labels) <= JOINTS:
         return {}
     order = list(dict.fromkeys(keys.tolist()))
     return {labels[key]: np.flatnonzero(keys == key) for key in order}
@@ -96,8 +91,8 @@ def _are_of_one_each(clock: Array, rows: Mapping[str, Integers]) -> bool:
         return False
     if any(np.any(np.diff(clock[at]) <= 0.0) for at in rows.values()):
         return False
-    in_turn = np.mean(np.concatenate([np.diff(at) for at in rows.values()]) == len(rows)) > _THERE
-    at_once = len(np.unique(clock)) * len(rows) * _THERE < len(clock)
+    in_turn = np.mean(np.concatenate([np.diff(at) for at in rows.values()]) == len(rows)) > MOSTLY
+    at_once = len(np.unique(clock)) * len(rows) * MOSTLY < len(clock)
     return bool(in_turn or at_once or np.any(np.diff(clock) < 0.0))
 
 

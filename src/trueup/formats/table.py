@@ -11,6 +11,9 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.errors import FormatError
 
+JOINTS = 64
+"""Of a robot, at most: what counts further, or is longer, is of something else."""
+
 
 @dataclass(frozen=True, eq=False)
 class Table:

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.rules.names import is_time, says_nanoseconds
-from trueup.formats.table import Table, unique_names
+from trueup.formats.table import JOINTS, Table, unique_names
 
-_SHORT = 64
-"""Numbers in an array that may be a fact of each joint, such as its gain."""
 _SAYS_NOTHING = frozenset({"signals", "values", "data", "observations"})
 """Names of containers alone, as Simulink and data sets of demonstrations have them."""
 
@@ -83,7 +81,7 @@ def table_of(leaves: Mapping[str, Leaf], name: str, path: str) -> Table:
         values = _oriented(array, length)
         if values is None:
             warnings.append(f"{name}: array '{key}' of shape {array.shape} is no signal of {length} samples")
-            facts |= {key: str(array.tolist())} if array.ndim == 1 and array.size <= _SHORT else {}
+            facts |= {key: str(array.tolist())} if array.ndim == 1 and array.size <= JOINTS else {}
         else:
             columns[key] = values
     named = {

@@ -9,15 +9,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import GroundingError
-from trueup.instant import usual_step
+from trueup.instant import MISSING, usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, SAME_INSTANT
 
 FRAME = 0.02
 """s: the paper's frame, in which simulator and robot are compared; the shortest one that is taken by itself."""
 SAME_RATE = 0.02  # share by which a spacing may miss a whole number of times another and is still taken as that
-BRIDGED = 1.5
-"""Frames, or usual steps of a channel where these are longer, over which a line may go on between two samples."""
 
 
 def period_of(recordings: Sequence[Recording]) -> float:
@@ -49,7 +47,8 @@ def instants_of(recording: Recording, period: float) -> Array:
 
 
 def measured_at(channel: Channel, instants: Array, period: float) -> Array:
-    """(T, k) what was measured at `instants`, on lines between samples that are no further apart than is `BRIDGED`; NaN in
+    """(T, k) what was measured at `instants`, on lines between samples that are no further apart than `MISSING` frames, or
+    usual steps of the channel where these are longer; NaN in
     gaps that are longer, and outside.
     """
     columns = []
@@ -60,7 +59,7 @@ def measured_at(channel: Channel, instants: Array, period: float) -> Array:
             columns.append(np.full(len(instants), np.nan))
             continue
         after = np.clip(np.searchsorted(time, instants), 1, len(time) - 1)
-        near = time[after] - time[after - 1] <= BRIDGED * max(period, usual_step(time))
+        near = time[after] - time[after - 1] <= MISSING * max(period, usual_step(time))
         sampled = np.minimum(np.abs(time[after] - instants), np.abs(time[after - 1] - instants)) <= SAME_INSTANT
         inside = (instants >= time[0] - SAME_INSTANT) & (instants <= time[-1] + SAME_INSTANT)
         columns.append(np.where((near | sampled) & inside, np.interp(instants, time, values[known]), np.nan))

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.articulated.pose import ORIENTATION
-from trueup.grounding.frames import BRIDGED, step_of
+from trueup.grounding.frames import step_of
 from trueup.grounding.grounding import PREDICTED, Grounding
 from trueup.grounding.others import telling_nothing
 from trueup.grounding.rows import Inputs, Rows
 from trueup.inspection.suspicions import at_odds
+from trueup.instant import MISSING
 from trueup.recording import Recording
 from trueup.trial import command_of
 
@@ -74,7 +75,7 @@ def _held(recordings: Sequence[Recording], inputs: Inputs) -> list[str]:
 def _slow(recordings: Sequence[Recording], inputs: Inputs) -> list[str]:
     """Recordings whose samples are further apart than frames are."""
     steps = {r.name: step_of(r.channel("position").select(inputs.joints)) for r in recordings}
-    slow = {name: step for name, step in steps.items() if step > BRIDGED * inputs.period}
+    slow = {name: step for name, step in steps.items() if step > MISSING * inputs.period}
     if not slow:
         return []
     most = max(slow.values())

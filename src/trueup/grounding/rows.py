@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import GroundingError, counted, unknown_name
-from trueup.grounding.frames import BRIDGED, instants_of, measured_at, period_of
+from trueup.grounding.frames import instants_of, measured_at, period_of
 from trueup.grounding.others import others_of
+from trueup.instant import MISSING
 from trueup.noise import estimate_grid, estimate_noise, is_noise
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
@@ -239,7 +240,7 @@ def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[n
     X = inputs.row([at[k] for k in back], [asked[k] for k in back], others)[:-1]
     Y = at[1:, inputs.own]
     whole = np.asarray(np.isfinite(np.concatenate([X, Y], axis=1)).all(axis=1))
-    gap = np.diff(instants) > BRIDGED * inputs.period
+    gap = np.diff(instants) > MISSING * inputs.period
     for k in range(inputs.history):  # a gap spoils the frames after it too, as far as they look back
         whole[k:] &= ~gap[: len(gap) - k]
     return X[whole], Y[whole], np.flatnonzero(whole)

@@ -14,10 +14,9 @@ from trueup.inspection.diagnosis import Diagnosis
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import NEGLIGIBLE
+from trueup.tracking.heading import SPAN
 from trueup.trial import command_of
 
-_SMOOTH = 0.4
-"""s of a moving mean, twice, over speeds of cars."""
 LONGEST = 2.0
 """s by which a vehicle may follow its command, or lead."""
 _MEASURED = {"speed": "speed", "turn": "yaw_rate"}
@@ -234,12 +233,12 @@ def _followed(recording: Recording) -> dict[str, _Followed]:
 
 
 def averaged(time: Array, values: Array) -> Channel:
-    """A signal (T,) without its gaps, averaged over `_SMOOTH` around each sample, twice: what is noisy from sample to sample
+    """A signal (T,) without its gaps, averaged over `SPAN` around each sample, twice: what is noisy from sample to sample
     has a lag then.
     """
     good = np.isfinite(values)
     time, values = time[good], values[good]
-    count = max(1, min(round(_SMOOTH / usual_step(time)), len(values) // 4)) if len(time) > 1 else 1
+    count = max(1, min(round(SPAN / usual_step(time)), len(values) // 4)) if len(time) > 1 else 1
     for _ in range(2):
         wide = np.pad(values, (count // 2, count - 1 - count // 2), mode="edge")
         values = np.convolve(wide, np.full(count, 1.0 / count), mode="valid")

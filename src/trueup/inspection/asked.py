@@ -10,14 +10,16 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.evidence import HALVED
-from trueup.inspection.relations import nearest
+from trueup.inspection.relations import ALIKE, nearest
 from trueup.inspection.requested import side_by_side
 from trueup.inspection.suspicions import in_another_unit
+from trueup.instant import samples_of_cubic, usual_step
+from trueup.noise import FEWEST
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import correlation
 from trueup.trial import Trial
-from trueup.units import hardly_radians, to_si
+from trueup.units import AS_FAR, hardly_radians, to_si
 
 _TIMES = ("ms", "us", "ns", "min")
 """Units of clocks, in which a log is written or as which one in s is read."""
@@ -25,9 +27,6 @@ _COMPLETE, _ARRIVED = (
     0.95,
     0.6,
 )  # share of the duration that must be there: of a command; of a run that ends by arriving
-_TOO_LONG = 1.6
-_FIRST = 5
-"""Samples, of which the middle one is where a log begins."""
 _LARGER = {"rad": {"degrees": 1.0 / to_si("deg")[1]}, "m": {"mm": 1.0 / to_si("mm")[1]}}
 """Unit to others, in which numbers are so many times as large: nobody begins a run that far away."""
 
@@ -64,7 +63,7 @@ def lasting(trial: Trial, recording: Recording) -> Unlike | None:
     enough = _COMPLETE if trial.command is not None else _ARRIVED
     if ratio < enough and not ended:
         return Unlike("short", f"it lasts {lasts:.4g} s of {trial.duration:.4g} s")
-    if ratio > _TOO_LONG:
+    if ratio > AS_FAR:
         return Unlike("long", f"it lasts {lasts:.4g} s, {ratio:.2g} times what was asked for")
     return None
 
@@ -94,9 +93,9 @@ def swapped(asked: Channel, recording: Recording) -> Unlike | None:
             continue
         alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
         best = int(np.argmax(alike))
-        if best != k and alike[best] > 0.8 and alike[k] < 0.5:
+        if best != k and alike[best] > 0.8 and alike[k] < ALIKE:
             own = correlation(moved[:, best], request[:, best])
-            if own >= 0.5 and alike[k] >= -0.8:
+            if own >= ALIKE and alike[k] >= -0.8:
                 continue  # the other is where it belongs: this one gives way under the load that the other's motion brings
             turned = f", or '{label}' is logged with the other sign" if alike[k] < -0.8 and own > 0.8 else ""
             followed = f"the position of '{label}' follows what was asked of '{labels[best]}'"
@@ -141,9 +140,10 @@ def _begun(trial: Trial, channel: Channel) -> str:
     """What is wrong with where positions begin, in words; '' where that is no other unit."""
     start = trial.initial.get(channel.name)
     labels = [label for label in channel.labels if start is not None and label in start.labels]
-    if start is None or not labels or len(channel.time) < _FIRST:
+    if start is None or not labels or len(channel.time) < FEWEST:
         return ""
-    asked, first = start.select(labels).values[0], np.nanmedian(channel.select(labels).values[:_FIRST], axis=0)
+    few = samples_of_cubic(usual_step(channel.time))  # of which the middle one is where a log begins
+    asked, first = start.select(labels).values[0], np.nanmedian(channel.select(labels).values[:few], axis=0)
     unit = start.unit_of(labels[0])
     size = float(first @ asked) / max(float(asked @ asked), TINY)
     said = nearest(size, _LARGER.get(unit, {}))

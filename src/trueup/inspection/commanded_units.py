@@ -15,13 +15,12 @@ from trueup.evidence import FEWEST_PARTS, STANDARD_ERRORS, jackknife
 from trueup.inspection.number_scales import APART, NumberScale, Seen, groups, known_scales, spread, sure_to
 from trueup.inspection.relations import CORRELATED, rate
 from trueup.inspection.scales import Way
-from trueup.inspection.zeros import AS_FAR, FAR, SETTLES
+from trueup.inspection.zeros import FAR, SETTLES
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
 from trueup.trial import COMMANDS, LOOK, command_of
-from trueup.units import hardly_radians
+from trueup.units import AS_FAR, hardly_radians
 
-_FEWEST = 20  # samples from which a correlation says something
 Loads = Callable[[Recording], Mapping[str, Array]]
 """By joint, (T,) torques by which its weight pulls at a recording's positions: servos sag by a share of that."""
 
@@ -213,9 +212,10 @@ def _line(parts: Sequence[_Told], late: float) -> Line:
     and, where that is seen, to hold its weight.
     """
     told, motion = _held(parts, late)
-    if len(told) < _FEWEST or min(np.ptp(told), np.ptp(motion[:, 0])) <= 0.0:
+    columns = np.column_stack([motion[:, 0], np.ones_like(told), motion[:, 1:]])  # each part is to tell all of them
+    if len(told) < FEWEST_PARTS * columns.shape[1] or min(np.ptp(told), np.ptp(motion[:, 0])) <= 0.0:
         return Line(1.0, 0.0, late=late)
-    columns, found, error = _solved(np.column_stack([motion[:, 0], np.ones_like(told), motion[:, 1:]]), told)
+    columns, found, error = _solved(columns, told)
     alike = correlation(told, columns @ found)
     # Noise of positions pulls the factor to zero, at most by as much as the other regression is off to the other side.
     between = abs(found[0]) * 0.5 * (1.0 / max(alike, CORRELATED) ** 2 - 1.0)

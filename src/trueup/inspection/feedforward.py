@@ -12,19 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.inspection.relations import rate
+from trueup.inspection.relations import ALIKE, rate
 from trueup.inspection.settings import ALL, setting
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
-from trueup.samples import correlation
+from trueup.samples import MOSTLY, correlation
 
 _UNITS = {"torque": "N m", "velocity": "rad/s"}
-_ALIKE = 0.5
-"""Correlation of commanded speeds with the rate of commanded positions: a greatest speed is commanded, too."""
-_WHOLE = 0.1
-"""Share of variance that a commanded torque may have beyond what gains make of positions, if it is made by them: of its own,
-or of its change from sample to sample, which shows the noise of positions but no weight that is held beside.
-"""
 _SAID = {
     "moved": "speeds or torques were commanded beside positions, with gains that the log names ({}): what drives were told, "
     "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
@@ -105,7 +99,7 @@ def _is_added(kind: str, channel: Channel, command: Channel) -> bool:
         when, wanted = rate(command.column(label), command.time)
         pairs.append((np.interp(when, channel.time, channel.column(label)), wanted))
     told, wanted = (np.concatenate(side) for side in zip(*pairs, strict=True)) if pairs else (np.zeros(2), np.zeros(2))
-    return correlation(told, wanted) > _ALIKE
+    return correlation(told, wanted) > ALIKE  # a greatest speed is commanded, too
 
 
 def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Channel]) -> bool:
@@ -133,7 +127,9 @@ def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Chan
         own += [float(np.nanvar(x)) for x in (told, np.diff(pull, 2), np.diff(pull, 2))]
     if measured is not None:
         return alone < together
-    return bool(np.any(left < _WHOLE * np.maximum(own, TINY)))
+    # Gains make mostly all of its variance, or of that of its change from sample to sample, which shows noise of positions
+    # but no weight that is held beside.
+    return bool(np.any(left < (1.0 - MOSTLY) * np.maximum(own, TINY)))
 
 
 def _at(channel: Channel, label: str, time: Array) -> Array:

@@ -11,16 +11,14 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.pose import is_quaternion
 from trueup.inspection.suspicions import suspicions
-from trueup.instant import usual_step
+from trueup.instant import MISSING, usual_step
 from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import PRINTED
-from trueup.samples import stretches_of
+from trueup.samples import MOST, stretches_of
 
-_GAP = 1.75  # in median steps: one sample missing
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
 _MEASURED = ("position", "velocity", "torque", "current")
-_EVENTS = 0.5  # jitter as a share of the usual step, beyond which commands come when they change (by chance: about 1)
 _STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
 
 
@@ -172,7 +170,7 @@ def clock_of(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
         return float("nan"), 0.0, ()
     usual = usual_step(time)
     # Where the steps scatter widely anyway, only what stands out of that scatter is a gap.
-    limit = max(_GAP * usual, usual + 6.0 * float(spread(steps - usual)))
+    limit = max(MISSING * usual, usual + 6.0 * float(spread(steps - usual)))
     late = np.flatnonzero(steps > limit)
     gaps = tuple(Gap(float(time[i]), float(steps[i])) for i in late)
     return 1.0 / usual, float(np.std(np.delete(steps, late))), gaps
@@ -250,7 +248,7 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
     if channel.gaps:
         yield _of_gaps(channel)
     scatter = channel.jitter * channel.rate if np.isfinite(channel.rate) else 0.0
-    if is_command(channel.name) and scatter > _EVENTS:
+    if is_command(channel.name) and scatter > MOST:  # of commands that come by chance it is about 1
         if not channel.gaps:
             yield "commands come at no rate: right where only changes were logged, as each stays in force until the next"
     elif scatter > _JITTER:

@@ -7,16 +7,11 @@ from collections.abc import Sequence
 
 from trueup.arrays import Array, Mask
 from trueup.inspection.released import LONG
+from trueup.noise import UNUSUAL
 from trueup.samples import stretches_of
 
 NAME = "disturbed"
 """By which leaving such stretches out may be refused."""
-MOST = 0.5
-"""Of a recording: what differs for longer than that was another robot, another load, or a mistake in the log."""
-FAR = 5.0
-"""Times how far a model is off anywhere else. In logs of real robots on which nothing acted the largest error of positions is
-up to 2.8 times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3), that of torques up to 1.3 (UR10 1.3, Panda,
-TX40 1.1); a table in the way, or a push of 30 to 60 N, are 10 to 200."""
 
 
 def outstanding(sizes: Sequence[float], rest: float) -> tuple[list[int], float]:
@@ -24,7 +19,7 @@ def outstanding(sizes: Sequence[float], rest: float) -> tuple[list[int], float]:
     ordered = sorted(range(len(sizes)), key=lambda k: -sizes[k])
     for count in range(len(ordered), 0, -1):
         least = max([rest, *(sizes[k] for k in ordered[count:])])
-        if sizes[ordered[count - 1]] > FAR * least:
+        if sizes[ordered[count - 1]] > UNUSUAL * least:
             return ordered[:count], least
     return [], rest
 

@@ -11,17 +11,15 @@ from trueup.arrays import Array, Mask
 from trueup.inspection.inspection import Gap, clock_of
 from trueup.inspection.repeats import BASE, LONGEST_GAP
 from trueup.instant import usual_step
+from trueup.noise import FEWEST
 from trueup.recording import Channel, Recording, is_command, part_of
 from trueup.rounding import PRINTED
-
-_FEWEST = 10
-"""Samples of a part: with less, where it begins and how fast is hardly known, and nothing is left to compare with that."""
 
 
 def parted_at_pauses(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings in parts between their pauses, each from where the robot was measured to be then, and notes.
 
-    Those without pauses are the same objects. What has fewer than `_FEWEST` samples is left out; a recording that would
+    Those without pauses are the same objects. What has fewer than `FEWEST` samples is left out; a recording that would
     have no part left stays whole.
     """
 
@@ -88,13 +86,13 @@ def _leaps(command: Channel, gaps: Sequence[Gap]) -> Mask:
 
 
 def parts_between(recording: Recording, gaps: Sequence[Gap]) -> list[Recording]:
-    """What lies before, between and behind the gaps, as recordings of their own; none of fewer than `_FEWEST` samples."""
+    """What lies before, between and behind the gaps, as recordings of their own; none of fewer than `FEWEST` samples."""
     begins = [recording.start, *(_resumed(recording, g.start + g.duration) for g in gaps)]
     ends = [*(g.start for g in gaps), recording.stop]
     position = _known(recording.channel("position"))
     spans = [
         (a, b) for a, b in zip(begins, ends, strict=True)
-        if np.count_nonzero((position >= a) & (position <= b)) >= _FEWEST
+        if np.count_nonzero((position >= a) & (position <= b)) >= FEWEST
     ]  # fmt: skip
     parts = [recording.slice(a, b) for a, b in spans]
     return [p.replace(name=f"{recording.name} part {k}", provenance=part_of(p)) for k, p in enumerate(parts, 1)]

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from trueup.inspection.scales import BEYOND, Way
+from trueup.inspection.scales import Way
+from trueup.inspection.zeros import FAR
 from trueup.recording import Recording
 from trueup.units import hardly_radians, to_si
 
@@ -28,7 +29,7 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
         if way.slides:
             said += _slid_beyond(joint, way.range, low, high)
             continue
-        if low >= way.range[0] - BEYOND and high <= way.range[1] + BEYOND:
+        if low >= way.range[0] - FAR and high <= way.range[1] + FAR:
             continue
         what = (
             f"joint '{joint}' is measured from {low:.3g} to {high:.3g} rad, beyond its range in the model, "
@@ -36,7 +37,7 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
         )
         asked = [end / to_si("deg")[1] for end in way.range]  # as the file has it, if that was in degrees
         meant = max(abs(end) for end in asked)
-        if in_degrees and not hardly_radians(meant) and low >= asked[0] - BEYOND and high <= asked[1] + BEYOND:
+        if in_degrees and not hardly_radians(meant) and low >= asked[0] - FAR and high <= asked[1] + FAR:
             why = (
                 f"the file seems to say it in rad ({asked[0]:.4g} to {asked[1]:.4g}) where degrees are read; mend it by "
                 '<compiler angle="radian"/>, or write degrees'

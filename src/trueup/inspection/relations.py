@@ -15,8 +15,11 @@ from trueup.trial import command_of
 
 CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
+ALIKE = 0.5
+"""Correlation from which one signal is of the same kind as another, and below its opposite of the other sign: a speed that is
+told beside positions which are held from sample to sample (a greatest speed goes with none), wheels and turns of a drive."""
 TOLERANCE = 0.12
-"""Relative, of a factor: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
+"""Relative, of a factor or speed: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
 
 
 def factor(values: Array, reference: Array) -> float | None:

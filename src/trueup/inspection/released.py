@@ -16,17 +16,14 @@ from trueup.arrays import Array, Mask
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
 from trueup.inspection.zeros import FAR, SETTLES
+from trueup.noise import UNUSUAL
 from trueup.recording import Recording
-from trueup.samples import stretches_of
+from trueup.samples import MOSTLY, stretches_of
 from trueup.trial import command_of, shared_joints
 
-USUAL = 6.0
-"""Times what a joint is usually beside its command (the median): motion of any kind stays within about three."""
 LONG = SETTLES
 """s: half of it before and behind is left out too, since it shows late that
 nothing pulls, and a drive that is switched on again begins with a jerk."""
-_NEAR = 0.9
-"""Of the samples that are not so far beside: joints follow that are beside their commands as in that share of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +87,11 @@ def _usual(every: Sequence[_Apart]) -> dict[str, float]:
 
 def _released(one: _Apart, usual: Array) -> list[Gap]:
     """Where the drives had let go, with what hangs on that before and behind; `usual` (k,) as `_usual`."""
-    far: Mask = np.any(_stuck(one, np.maximum(FAR, USUAL * usual)), axis=1)
+    far: Mask = np.any(_stuck(one, np.maximum(FAR, UNUSUAL * usual)), axis=1)
     stuck = _runs(far, one.time)
     if not stuck or far.all():
         return []
-    near = np.quantile(np.abs(one.apart[~far]), _NEAR, axis=0)
+    near = np.quantile(np.abs(one.apart[~far]), MOSTLY, axis=0)
     close: Mask = np.all(np.abs(one.apart) <= np.maximum(near, usual), axis=1)
     spans: list[tuple[int, int]] = []
     for first, last in stuck:

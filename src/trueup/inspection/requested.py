@@ -11,8 +11,6 @@ from trueup.instant import usual_step
 from trueup.recording import Channel, Recording, is_command, with_warnings
 from trueup.trial import Trial
 
-_EARLY = 0.1  # s before the run that a log may hold; more is cut off
-
 
 def as_observed(trial: Trial, recording: Recording) -> Recording:
     """The recording, a base's orientation in angles where these are observed and the log has quaternions, as motion
@@ -35,7 +33,7 @@ def completed(trial: Trial, recording: Recording) -> Recording:
     if logged is not None:
         early = begins(asked, logged)
         start = float(logged.time[0]) + early
-        return recording.slice(start, start + trial.duration + 1.0) if early > _EARLY else recording
+        return recording.slice(start, start + trial.duration + 1.0) if early > 0.0 else recording
     sent = asked.replace(name="command", time=asked.time - trial.start + recording.start)
     told = with_warnings(recording.provenance, (
         "the log holds no command: what was requested is taken as sent from the log's first sample on, so a delay cannot be "

@@ -12,14 +12,13 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.inspection.relations import CORRELATED
+from trueup.inspection.zeros import FAR
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
 from trueup.trial import COMMANDS, command_of
 from trueup.units import hardly_radians, to_si
 
-BEYOND = 0.2
-"""rad that a joint may be found beyond its range: zeros and ranges of models are not exact."""
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 _HARDLY = 3.0
 """Numbers that a joint spans which moves in rad; in degrees it hardly moves."""
@@ -189,7 +188,7 @@ def _of_two_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) ->
 def _rad_sized(way: Way, values: Array) -> bool:
     """Whether a joint that moves stays within its range in rad, and would hardly move in degrees."""
     span = float(np.nanmax(values) - np.nanmin(values))
-    within = way.ends[0] - BEYOND <= np.nanmin(values) and np.nanmax(values) <= way.ends[1] + BEYOND
+    within = way.ends[0] - FAR <= np.nanmin(values) and np.nanmax(values) <= way.ends[1] + FAR
     return bool(within and _STILL < span < _HARDLY)
 
 
@@ -272,7 +271,7 @@ def _within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
     for label, (lower, upper) in ranges.items():
         column = channel.column(label) * factor
         column = column[np.isfinite(column)]
-        if len(column) and (column.min() < lower - BEYOND or column.max() > upper + BEYOND):
+        if len(column) and (column.min() < lower - FAR or column.max() > upper + FAR):
             return False
     return bool(ranges)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.recording import Channel, Recording
+from trueup.samples import MOST
 
 GAINS: Mapping[str, tuple[str, ...]] = {
     "kp": ("kp", "p_gain", "kp_gain", "position_p_gain", "p_coefficient"),
@@ -23,7 +24,6 @@ _VOLTAGES = ("voltage", "vin", "supply_voltage", "battery_voltage", "input_volta
 _ONE_BATTERY = 1.15
 """Voltage of a lithium cell, full, over that of the same one half empty (4.2 V, 3.65 V)."""
 _STRETCHES = 10  # of a recording, whose medians show how a battery goes down, and no dips of a moment
-_MOST = 0.5  # of a recording: shorter stretches of the same gains are no recording with a few of its ends cut off
 
 
 def setting(recording: Recording, quantity: str) -> dict[str, float]:
@@ -54,7 +54,7 @@ def with_steady_gains(recordings: Sequence[Recording]) -> tuple[list[Recording],
             result.append(recording)
             continue
         first, last = _longest(recording)
-        enough = last - first >= _MOST * recording.duration
+        enough = last - first >= MOST * recording.duration
         result.append(recording.slice(first, last) if enough else recording)
         done = (
             f"what is taken of it is where they do not, {first:.4g} to {last:.4g} s" if enough else

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueup.instant import HARDLY
 from trueup.recording import Recording
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 
 _PLACE = ("x", "y")
-_STIRS = 0.02
-"""Of the range of its command: what a joint moves less than that is noise."""
 
 
 def standing(trial: Trial, recording: Recording) -> str:
@@ -30,7 +29,7 @@ def _held(trial: Trial, recording: Recording) -> str:
     spans = {c.name: np.fmax.reduce(c.values) - np.fmin.reduce(c.values) for c in (command, position)}
     asked, moved = (dict(zip(c.labels, spans[c.name].tolist(), strict=True)) for c in (command, position))
     told = [label for label in command.labels if label in moved and asked[label] > 0.0]
-    if not told or not all(moved[label] < _STIRS * asked[label] for label in told):
+    if not told or not all(moved[label] < HARDLY * asked[label] for label in told):
         return ""
     most = max(told, key=lambda label: asked[label])
     return (

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.inspection.relations import TOLERANCE
+from trueup.instant import STILL
 from trueup.recording import Channel, Recording
+from trueup.samples import MOST
 from trueup.trial import command_of
+from trueup.units import AS_FAR
 
-_JUMP = 0.04  # rad, or m: a command that moves this far from one sample to the next is a step
-_ARRIVES = 0.6  # of the step: less is something in the way
-_APART = 1.8  # how many times the smallest step the largest must be
-_SCATTER = 0.15  # of the logarithm of the speeds about their law
 _SAME_SPEED, _SAME_ACCELERATION = 0.3, 0.65  # exponents of speed by size of the step: 0, 1/2; linear servos have 1
 _TRIANGLE = 0.853  # speed over sqrt(acceleration x step) between a quarter and three quarters of the way
 
@@ -59,10 +59,10 @@ def _steps(joint: str, actuator: str, recordings: Sequence[Recording]) -> Array:
 def _law(found: Array) -> tuple[float, float, float] | None:
     """Exponent of the speed by the size of the step; speed and acceleration at steps (n, 2); None where there is none."""
     size, speed = found.T
-    if size.max() < _APART * size.min():
+    if size.max() < AS_FAR * size.min():
         return None
     exponent, level = np.polyfit(np.log(size), np.log(speed), 1)
-    if np.std(np.log(speed) - level - exponent * np.log(size)) > _SCATTER:
+    if np.std(np.log(speed) - level - exponent * np.log(size)) > TOLERANCE:
         return None
     large = size >= np.median(size)
     return float(exponent), float(np.median(speed[large])), float(np.median(_acceleration(size, speed)))
@@ -79,7 +79,7 @@ def _steps_of(recording: Recording, joint: str, actuator: str) -> Iterator[tuple
         return
     told = command.column(label)
     moves = np.abs(np.diff(told))
-    for i in np.flatnonzero(moves > _JUMP):
+    for i in np.flatnonzero(moves > STILL):
         if i > 0 and moves[i - 1] > 1e-3:
             continue  # one of many small ones
         later = np.flatnonzero(moves[i + 1 :] > 1e-3)
@@ -97,7 +97,7 @@ def _passage(position: Channel, joint: str, begin: float, end: float, asked: flo
     if len(values) < 8:
         return None
     went = float(np.mean(values[-max(1, len(values) // 8) :]) - values[0])
-    if abs(went) < max(0.5 * _JUMP, _ARRIVES * asked):
+    if abs(went) < max(STILL, MOST * asked):
         return None
     share = (values - values[0]) / went
     first, last = (_reached(time, share, level) for level in (0.25, 0.75))

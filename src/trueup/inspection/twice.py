@@ -8,12 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trueup.inspection.zeros import SETTLES
 from trueup.instant import usual_step
 from trueup.recording import Recording
 from trueup.samples import stretches_of
-
-_FEWEST = 10
-"""Samples in a row that are the same: of coarse encoders single ones are."""
 
 
 def seen_twice(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[str]:
@@ -34,7 +32,9 @@ def seen_twice(training: Sequence[Recording], held_out: Sequence[Recording]) -> 
 
 
 def shared(one: Recording, other: Recording) -> float:
-    """How long a stretch of positions of one recording is that stands in another, value by value, in s."""
+    """How long a stretch of positions of one recording is that stands in another, value by value, in s. What is alike for
+    less than a servo takes to settle is so by chance: coarse encoders say the same wherever two motions are about as quick.
+    """
     channels = [r.channels.get("position") for r in (one, other)]
     if channels[0] is None or channels[1] is None or channels[0].labels != channels[1].labels or one is other:
         return 0.0
@@ -44,5 +44,7 @@ def shared(one: Recording, other: Recording) -> float:
         places.setdefault(row, k)
     found = np.array([places.get(row, -1) for row in mine])
     goes_on = (found[1:] >= 0) & (np.diff(found) == 1)  # what rests is the same row again and again, and is not counted
-    samples = sum(int(b - a) for a, b in stretches_of(goes_on) if b - a >= _FEWEST)
-    return samples * usual_step(channels[0].time) if samples else 0.0
+    if not goes_on.any():
+        return 0.0
+    step = usual_step(channels[0].time)
+    return sum(float(b - a) * step for a, b in stretches_of(goes_on) if (b - a) * step >= SETTLES)

@@ -16,14 +16,12 @@ from trueup.inspection.relations import CORRELATED
 from trueup.recording import Recording
 from trueup.samples import correlation
 from trueup.trial import command_of
+from trueup.units import AS_FAR
 
 SETTLES = 0.5
 """s within which any servo has settled, on or beside its command."""
 FAR = 0.2
-"""rad or m: as far as the zero of a servo is searched."""
-AS_FAR = 2.0
-"""Times as far, or as little, as it was told that no joint goes which follows its commands in their unit."""
-_ALL_ALONG = 2.0  # times what the distance from the command varies by: lags and sags change with the motion
+"""rad or m: as far as the zero of a servo is searched, and as joints are found beyond the ranges of models."""
 
 
 def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -87,7 +85,8 @@ def _all_along(recording: Recording, joint: str) -> float:
         return 0.0
     apart = float(np.median(position - told))
     follows = correlation(position, told) > CORRELATED  # or something holds it
-    return apart if follows and abs(apart) > _ALL_ALONG * float(np.std(position - told)) else 0.0
+    # Lags and sags change with the motion.
+    return apart if follows and abs(apart) > STANDARD_ERRORS * float(np.std(position - told)) else 0.0
 
 
 def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnosis | None:

@@ -18,13 +18,14 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Replay
 from trueup.inspection.inspection import Gap
-from trueup.inspection.outstanding import MOST, NAME, joined, outstanding
+from trueup.inspection.outstanding import NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
-from trueup.inspection.released import LONG, USUAL
+from trueup.inspection.released import LONG
 from trueup.inspection.repeats import BASE
 from trueup.loop.problem import Problem
-from trueup.noise import OF_MEDIAN
+from trueup.noise import OF_MEDIAN, UNUSUAL
 from trueup.recording import Recording
+from trueup.samples import MOST
 from trueup.trial import command_of
 
 _JOINTS = "position"
@@ -94,7 +95,7 @@ class _Stretch:
 
     def words(self, rest: float) -> str:
         """When, and how far which joints are off, with `rest` of the others in times of what is usual."""
-        far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > USUAL]
+        far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > UNUSUAL]
         most = np.nan_to_num(self.seen.off[self.first : self.last + 1]).max(axis=0) * self.seen.unit
         unit = {"rad": "mrad", "m": "mm"}
         units = [unit[self.seen.recording.channel(_JOINTS).unit_of(label)] for label in self.seen.labels]
@@ -211,10 +212,10 @@ def disturbed(every: Sequence[Seen]) -> LeftOut:
 def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
     """Where joints are far off and may have been disturbed, and how far they are anywhere else, in times of what is usual."""
     usual = _by_label(every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), 1.0 / OF_MEDIAN))
-    found, rest = list[_Stretch](), USUAL
+    found, rest = list[_Stretch](), UNUSUAL
     for one in every:
         times = np.nan_to_num(one.off) / np.array([usual[label] for label in one.labels])
-        own = joined(np.any(times > USUAL, axis=1), one.time)
+        own = joined(np.any(times > UNUSUAL, axis=1), one.time)
         lasting = sum(float(one.time[b] - one.time[a]) for a, b in own) > MOST * float(one.time[-1] - one.time[0])
         for first, last in own:
             most = times[first : last + 1].max(axis=0)

@@ -17,9 +17,7 @@ from trueup.report.hints import worst_moment
 from trueup.report.numbers import Scale, scale_for
 from trueup.report.spectra import amplitude_density, error_by_speed, white_density
 from trueup.report.summary import Comparison, column_score, comparisons, noise_of, pooled_score
-
-FAR = 1e6
-"""Clocks further from zero than this (seconds of an epoch) are shown from the start of the recording."""
+from trueup.rounding import DATE
 
 
 def figure_data(calibration: Calibration) -> dict[str, Any]:
@@ -68,8 +66,8 @@ def _replay(replay: Replay, scale: Scale, most: int) -> dict[str, Any]:
         "errorUnit": scale.unit,
         "errorFactor": scale.factor,
         "labels": list(replay.labels),
-        "origin": 0.0 if abs(origin) > FAR else origin,
-        "fromStart": abs(origin) > FAR,
+        "origin": 0.0 if abs(origin) > DATE else origin,
+        "fromStart": abs(origin) > DATE,
         "samples": int(replay.time.size),
         "columns": [_column(replay, j, most) for j in range(len(replay.labels))],
     }

@@ -10,6 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.identification.estimation.result import Identification, Prediction, rmse
+from trueup.noise import FEWEST
 from trueup.report.drawing import SAMPLES
 from trueup.report.encoding import kept_samples
 from trueup.report.markup import Markup, join, tag
@@ -18,8 +19,6 @@ from trueup.report.plots import AFTER, FAINT, INK, SOFT, Plot, span
 from trueup.samples import rms
 
 _SPEED_BINS, _CELLS = 15, 14
-_FEW = 8
-"""Samples below which a bin or a cell says nothing."""
 
 
 def torque_figures(result: Identification, prediction: Prediction) -> Markup:
@@ -112,7 +111,7 @@ def binned(v: Array, error: Array) -> tuple[Array, Array, Array, Array, Array]:
     Neighbouring samples are alike: the bounds count a tenth of them.
     """
     order = np.argsort(v)
-    bins = [b for b in np.array_split(order, _SPEED_BINS) if len(b) >= _FEW]
+    bins = [b for b in np.array_split(order, _SPEED_BINS) if len(b) >= FEWEST]
     centre = np.array([float(np.median(v[b])) for b in bins], dtype=np.float64)
     mean = np.array([float(np.mean(error[b])) for b in bins], dtype=np.float64)
     spread = np.array([float(np.std(error[b])) for b in bins], dtype=np.float64)
@@ -153,7 +152,7 @@ def _map(x: Array, y: Array, error: Array, size: Array, trained: Sequence[tuple[
     overall = float(rms(share))
     for a, b in sorted(set(zip(column.tolist(), row.tolist(), strict=True))):
         here = (column == a) & (row == b)
-        if np.count_nonzero(here) < _FEW:
+        if np.count_nonzero(here) < FEWEST:
             continue
         local = float(rms(share[here]))
         worse = local > 1.5 * overall

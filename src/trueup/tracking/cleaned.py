@@ -20,10 +20,10 @@ from trueup.tracking.joined import end_to_end, joined, sudden, there_and_back, t
 from trueup.tracking.place import fresh, place_of, tells_place
 from trueup.tracking.reversing import as_heading, driven_back
 from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
+from trueup.units import GRAVITY
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
-_FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
-_HARDEST, _LATE, _FEW = 10.0, 0.05, 10  # m/s^2 of tyres on a dry road; s; samples that tell what is usual
+_LATE, _FEW = 0.05, 10  # s; samples that tell what is usual
 _CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 
@@ -173,7 +173,7 @@ def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
     usual = np.linalg.norm(points[1:] - points[:-1], axis=1) / np.diff(time)
     fastest = 3.0 + 4.0 * float(np.median(usual))
     often = _often(time, points)  # also where the car stands most of the time
-    return noise, max(min(fastest, _FASTEST), 2.0 * often) if np.isfinite(often) else fastest
+    return noise, max(fastest, 2.0 * often) if np.isfinite(often) else fastest
 
 
 def _gone_on(time: Array, points: Array, noise: float, fastest: float) -> Mask:
@@ -219,7 +219,7 @@ def _out_of_line(time: Array, points: Array) -> Mask:
         off = np.minimum(off, np.linalg.norm(steps[1:-1] - beside * gap[:, None], axis=1))
         going = np.minimum(going, np.linalg.norm(beside, axis=1))  # of two one may be the way there, or back
     usual = max(_NOISE, 4.0 * float(np.median(off)))
-    out[1:-1] = off > usual + np.minimum(2.0 * gap, _LATE) * going + _HARDEST * gap**2
+    out[1:-1] = off > usual + np.minimum(2.0 * gap, _LATE) * going + GRAVITY * gap**2
     return out
 
 

@@ -14,12 +14,11 @@ from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import command_of
+from trueup.units import AS_FAR
 
 COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""
 
-MOST = 2.0
-"""Commands beyond are no shares of the full command."""
 TOGETHER = (
     "put the files of one drive into one folder, drives/d1/cmd.csv and drives/d1/pose.csv, and give the folder drives"
 )
@@ -32,8 +31,6 @@ BEYOND: Mapping[str, str] = MappingProxyType({
 """Commands, by their labels, of what is not simulated: a vehicle goes ahead and back, and turns by its front wheels."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "curvature", "turn")
-_IDLE = 0.02
-"""Share of the full command below which neither motor nor steering answers (dead bands, play): a car is not driven so."""
 
 
 def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
@@ -88,7 +85,7 @@ def refuse_beyond(recording: Recording, label: str, given: Channel, beside: Chan
     what is.
     """
     usual, most = (float(np.nanmax(np.abs(c.values), initial=0.0)) for c in (beside, given))
-    if most <= _IDLE * usual:
+    if most <= HARDLY * usual:
         return
     name = given.labels[0]
     raise RecordingError(
@@ -112,8 +109,8 @@ def refuse_another_range(
         return
     sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), np.nan, command.values)
     largest = np.nanmax(np.abs(sent - middle) / np.abs(full), axis=0, initial=0.0)
-    shares = 0.0 < float(np.nanmax(np.abs(command.values))) <= MOST
-    if not (largest > MOST).any() and not (shares and (largest <= _IDLE).all()):
+    shares = 0.0 < float(np.nanmax(np.abs(command.values))) <= AS_FAR
+    if not (largest > AS_FAR).any() and not (shares and (largest <= HARDLY).all()):
         return
     reach = " and ".join(
         f"{label} goes from {low:.4g} to {high:.4g} ({m - abs(f):.4g} to {m + abs(f):.4g} in the file)"
@@ -189,7 +186,7 @@ def effective(
         command = command.replace(values=(sent - middle) / full)
     for label in (label for label in COMMAND if full is None and not command.unit_of(label)):
         largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
-        if largest > MOST:
+        if largest > AS_FAR:
             raise RecordingError(
                 f"recording '{recording.name}': {label} reaches {largest:.4g}; a car's commands are shares, -1 ... 1: say in "
                 f"the mapping's [channels.command] scale = [...] with {1.0 / _round_up(largest):.3g} for {label} (and offset "

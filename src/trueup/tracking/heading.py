@@ -13,14 +13,14 @@ from trueup.arrays import Array, Mask
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import ROUNDED, TINY
+from trueup.samples import MOSTLY
 
 Number = TypeVar("Number", np.float64, np.complex128)
 _QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
 """Labels of a quaternion, the real part last."""
-_WAY = 0.05  # m at least between the poses that show a direction of motion
+WAY = 0.05  # m at least between the poses that show a direction of motion, or a jump
 SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
-_TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
 
 
 def samples_in(span: float, time: Array) -> float:
@@ -100,7 +100,7 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | N
         if agree > best[0]:
             found = np.concatenate([np.zeros(width), np.unwrap(np.angle(summed))])
             best = (agree, found + sign * angles)
-    if best[0] < _TOGETHER:
+    if best[0] < MOSTLY:  # the length of the mean direction: gyroscope and way driven go together
         return None
     values = np.full((len(position.time), 1), np.nan)
     started = np.concatenate([np.zeros(width, dtype=bool), np.cumsum(usable) > 0])
@@ -158,7 +158,7 @@ def backing(position: Channel, heading: Channel, good: Mask) -> Mask:
 
 def telling(points: Array) -> float:
     """How far in m one of (T, 2) points must have gone to show a direction: farther than their noise could feign."""
-    return max(_WAY, 4.0 * float(np.median(np.abs(np.diff(points, n=2, axis=0)))))
+    return max(WAY, 4.0 * float(np.median(np.abs(np.diff(points, n=2, axis=0)))))
 
 
 def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
@@ -202,4 +202,4 @@ def motion(time: Array, points: Array) -> tuple[Array, Mask]:
     index = np.arange(len(time))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(time) - 1)
     moved = points[after] - points[before]
-    return moved, (np.linalg.norm(moved, axis=1) > _WAY) & (time[after] - time[before] < 3.0 * SPAN)
+    return moved, (np.linalg.norm(moved, axis=1) > WAY) & (time[after] - time[before] < 3.0 * SPAN)

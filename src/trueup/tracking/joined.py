@@ -9,20 +9,21 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.instant import REACH
+from trueup.noise import UNUSUAL
 from trueup.recording import Channel
 from trueup.samples import wrapped
+from trueup.tracking.heading import WAY
+from trueup.units import GRAVITY
 
-_SEEN = 0.25  # s on each side of a jump that tell where the vehicle was: about a straight line, over noise of samples
-_LEAST = 0.03  # m: a jump of less is none
-_HARDEST = 10.0  # m/s^2: nothing on wheels speeds up, brakes or turns aside harder, by the friction of tyres
-_TIMES = 8.0  # a step that is as many times further from its neighbours than is usual is a jump
 _BESIDE = 4  # steps before and behind one that show how the vehicle moves
 
 
 def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, int]]:
     """The good rows between which the pose jumps by more than the motion around allows: the last before, the first behind.
 
-    In the vehicle's own frame, in which curves do not show. One sample that is off and back again is no jump.
+    In the vehicle's own frame, in which curves do not show. One sample that is off and back again is no jump. Nothing on
+    wheels speeds up, brakes or turns aside harder than it would fall, by the friction of tyres.
     """
     rows = np.flatnonzero(good)
     if len(rows) <= 2 * _BESIDE + 1:
@@ -39,7 +40,7 @@ def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, i
     off = own - np.median(around, axis=-1) * gaps[:, None]
     lasting = np.stack([np.convolve(column, np.ones(3), mode="same") for column in off.T], axis=1)
     size, kept = np.linalg.norm(off, axis=1), np.linalg.norm(lasting, axis=1)
-    most = np.maximum(_LEAST + _HARDEST * gaps**2, _TIMES * np.median(size))
+    most = np.maximum(WAY + GRAVITY * gaps**2, UNUSUAL * np.median(size))
     found = np.flatnonzero((size > most) & (kept > np.maximum(most, 0.5 * size)))
     return [(int(rows[k]), int(rows[k + 1])) for k in found]
 
@@ -124,7 +125,7 @@ def _pose_at(middle: float, time: Array, poses: Array, rows: Integers) -> Array:
     """(3,) the line through those poses of these rows (in order) that are near the middle of a jump, there."""
     known = rows[np.isfinite(poses[rows]).all(axis=1)]
     away = np.abs(time[known] - middle)
-    near = known[away <= max(_SEEN, np.sort(away)[:2][-1])]
+    near = known[away <= max(REACH, np.sort(away)[:2][-1])]
     table = np.stack([np.ones(len(near)), time[near] - middle], axis=1)
     values = np.column_stack([poses[near, :2], np.unwrap(poses[near, 2])])
     return np.asarray(np.linalg.lstsq(table, values, rcond=None)[0][0], dtype=np.float64)

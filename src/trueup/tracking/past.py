@@ -9,17 +9,16 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ModelError, RecordingError
-from trueup.instant import usual_step
+from trueup.instant import REACH, usual_step
 from trueup.noise import spread
 from trueup.recording import Channel
 from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.samples import between, in_force_over
 from trueup.tracking.channels import PLACE, READ
-from trueup.tracking.rest import SPEED_WINDOW, stood
-from trueup.tracking.start import start_state
+from trueup.tracking.rest import stood
+from trueup.tracking.start import POSE_WINDOW, start_state
 from trueup.trial import Trial
 
-POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
 MOVES = 0.2  # m/s: slower, the direction of motion and the curvature of the way say nothing
@@ -190,7 +189,8 @@ def _seen(time: Array, pose: Array, grid: Array, step: float) -> tuple[Array, Ma
         max(_COUNTS[0], round(max(POSE_WINDOW, _samples(p) * usual_step(time)) / step) + 1)
         for p in (pose[:, :2], pose[:, 2:])
     )
-    long = max(short, turn, round(SPEED_WINDOW / step) + 1)
+    # Forward and sideways speed of its own change more slowly than its pose.
+    long = max(short, turn, round(REACH / step) + 1)
     value, _ = _at_the_end(short, step, 2)
     seen[:, :2] = np.stack([_past_only(p, value) for p in (x, y)], axis=1)
     value, slope = _at_the_end(turn, step, 2)

@@ -7,7 +7,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError
-from trueup.instant import usual_step
+from trueup.instant import MISSING, usual_step
 from trueup.recording import Channel, Recording
 from trueup.tracking.commands import TOGETHER
 from trueup.tracking.heading import heading_of
@@ -16,7 +16,6 @@ _ON_A_FLOOR, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Half axis in m and flattening of the earth (WGS 84)."""
 _REPEATED = 0.3  # share of the values that stand in more than one row: the rows are more frequent than the sensor
-_MISSING = 1.5  # usual steps: after more than that a row is missing, by rounding
 
 
 def place_of(recording: Recording) -> tuple[Channel, Channel | None, list[str]]:
@@ -52,7 +51,7 @@ def fresh(channel: Channel) -> Channel:
     moving = runs[runs <= 4 * max(usual, 2)]
     if not len(moving) or np.mean(moving > 1) < _REPEATED:
         return channel
-    missing = np.concatenate([[0.0], np.diff(channel.time)])[begun] > _MISSING * usual_step(channel.time)
+    missing = np.concatenate([[0.0], np.diff(channel.time)])[begun] > MISSING * usual_step(channel.time)
     starts = begun + usual * missing
     kept = np.concatenate([np.arange(a, b, max(usual, 1)) for a, b in zip(starts, begun + runs, strict=True)])
     return channel.replace(time=channel.time[kept], values=values[kept])

@@ -6,14 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.instant import MOVING
+from trueup.instant import HARDLY, MOVING, REACH
 from trueup.rounding import ROUNDED
 
-SPEED_WINDOW = (
-    0.25  # s: a line through the car's own forward and sideways speed, which change more slowly than its pose
-)
 _FEWEST = 4  # samples in it
-_SLOWER = 0.1  # share of its speed at the window's end below which what moves then has begun within it
 
 
 def stood(time: Array, signals: Array, first: float) -> bool:
@@ -23,12 +19,12 @@ def stood(time: Array, signals: Array, first: float) -> bool:
     is nothing, or little beside that at the end, or the other way (it is late). False where too little of that instant was
     tracked.
     """
-    before = (time <= first) & (time >= first - SPEED_WINDOW)
+    before = (time <= first) & (time >= first - REACH)
     if before.sum() > _FEWEST:
         return not _goes(time[before] - first, signals[before], 1)
     after = np.flatnonzero(time >= first)
-    after = after[: max(_FEWEST + 1, int(np.sum(time[after] <= first + SPEED_WINDOW)))]
-    if len(after) <= _FEWEST or time[after[0]] > first + SPEED_WINDOW:
+    after = after[: max(_FEWEST + 1, int(np.sum(time[after] <= first + REACH)))]
+    if len(after) <= _FEWEST or time[after[0]] > first + REACH:
         return False
     return not _goes(time[after] - time[after[0]], signals[after], 2)
 
@@ -41,4 +37,4 @@ def _goes(since: Array, signals: Array, degree: int) -> bool:
     spread = np.sqrt(np.sum((signals - powers @ found) ** 2, axis=0) / (len(since) - degree - 1))
     unsure = MOVING * spread * float(np.linalg.norm(inverse[1]))
     end = found[1] + 2.0 * since[-1] * found[2:].sum(axis=0)
-    return bool(np.any(found[1] * np.sign(end) > np.maximum(unsure, _SLOWER * np.abs(end)) + ROUNDED))
+    return bool(np.any(found[1] * np.sign(end) > np.maximum(unsure, HARDLY * np.abs(end)) + ROUNDED))

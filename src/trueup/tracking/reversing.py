@@ -7,11 +7,8 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.recording import Channel, Recording
-from trueup.samples import wrapped
 from trueup.tracking.commands import held, signals
 from trueup.tracking.heading import motion, telling
-
-_RIGHT_ANGLE = 0.5 * np.pi
 
 
 def driven_back(recording: Recording, position: Channel) -> Mask:
@@ -25,7 +22,7 @@ def driven_back(recording: Recording, position: Channel) -> Mask:
     rows, way = _moving(position)
     if told is None or not (told.values < 0.0).any() or not len(rows):
         return back
-    parted = np.concatenate([[0], np.cumsum((np.abs(wrapped(np.diff(way))) > _RIGHT_ANGLE) | (np.diff(rows) > 1))])
+    parted = np.concatenate([[0], np.cumsum((np.cos(np.diff(way)) < 0.0) | (np.diff(rows) > 1))])
     meanwhile = np.bincount(parted, held(told, position.time[rows]))
     return (meanwhile[parted] < 0.0)[_last_of(rows, len(back))]
 
@@ -37,7 +34,7 @@ def as_heading(heading: Channel, position: Channel, back: Mask) -> tuple[Channel
     rows, _ = _moving(position)
     rows = rows[np.isfinite(heading.values[rows, 0])]
     changes = np.flatnonzero(np.diff(back[rows].astype(int)))
-    turned = np.abs(wrapped(heading.values[rows[changes + 1], 0] - heading.values[rows[changes], 0])) > _RIGHT_ANGLE
+    turned = np.cos(heading.values[rows[changes + 1], 0] - heading.values[rows[changes], 0]) < 0.0
     if not len(changes) or turned.mean() <= 0.5:
         return heading, []
     angle = np.array(heading.values)

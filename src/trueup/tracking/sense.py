@@ -15,6 +15,7 @@ from trueup.recording import Channel, Recording
 from trueup.tracking.heading import SPAN, motion, telling, told_by
 
 _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
+
 _SURE = 0.85  # share of the squares of moves that lies along the heading, less that across: an angle of 0.28 rad, rms
 
 Source = tuple[str, ...]

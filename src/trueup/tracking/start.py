@@ -12,7 +12,9 @@ from trueup.recording import Channel
 from trueup.tracking.channels import READ
 from trueup.trial import Trial
 
-_AROUND = 0.15  # s on both sides of the start: long enough to average noise, short enough to be straight
+POSE_WINDOW = 0.12
+"""s: a parabola through this much of the past, or a line through as much on both sides, gives the pose and the turn rate at
+an instant: long enough to average noise, short enough to be straight."""
 
 
 def start_state(trial: Trial) -> Array:
@@ -48,7 +50,7 @@ def _fitted(channel: Channel, label: str, trial: Trial) -> tuple[float, float]:
     time, values = channel.time[good] - trial.start, values[good]
     if not len(time):
         raise RecordingError(f"trial '{trial.name}': channel '{channel.name}' has no sample of '{label}'")
-    near = np.abs(time) <= _AROUND
+    near = np.abs(time) <= POSE_WINDOW
     if near.sum() < 3:
         near = np.zeros(len(time), dtype=bool)
         near[np.argsort(np.abs(time), kind="stable")[:3]] = True

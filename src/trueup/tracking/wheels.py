@@ -11,14 +11,13 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
 from trueup.recording import Channel, Recording
-from trueup.samples import unwound
-from trueup.tracking.commands import MOST, held, refuse_beyond, signals
+from trueup.samples import COUNTS, unwound
+from trueup.tracking.commands import held, refuse_beyond, signals
+from trueup.units import AS_FAR
 
 SIDES = ("left", "right")
 DUTIES = ("left_duty", "right_duty")
 """Labels of commands that are shares of what motors can do (PWM, power, voltage), in whatever numbers: never a speed."""
-_WRAPS = (2.0**16, 2.0**32)
-"""Counts after which a counter begins anew."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def refuse_another_unit(recording: Recording, full: tuple[float, float] | None) 
         any(any(c.units) for c in told),
         max((float(np.nanmax(np.abs(c.values))) for c in told), default=0.0),
     )
-    if full is None or not told or (in_si or largest <= MOST if full == (1.0, 1.0) else not in_si):
+    if full is None or not told or (in_si or largest <= AS_FAR if full == (1.0, 1.0) else not in_si):
         return
     said, known = (
         ("have none", "m/s or shares")
@@ -157,8 +156,8 @@ def _rolled(recording: Recording, wheels: Wheels) -> tuple[Channel, ...]:
 
 
 def unwrapped(counts: Array) -> Array:
-    """(T,) what a counter that begins anew after 16 or 32 bits has counted."""
+    """(T,) what a counter that begins anew when it is full has counted."""
     known = np.isfinite(counts)
     most = np.abs(np.diff(counts[known])).max(initial=0.0)
-    wraps = next((w for w in _WRAPS if 0.5 * w < most <= w and np.ptp(counts[known]) <= w), None)
+    wraps = next((w for w in COUNTS if 0.5 * w < most <= w and np.ptp(counts[known]) <= w), None)
     return counts if wraps is None else unwound(counts, wraps)

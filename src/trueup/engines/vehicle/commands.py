@@ -17,11 +17,11 @@ from trueup.inspection.relations import nearest
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
-from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
+from trueup.tracking.commands import COMMAND, driven_by, told_to_turn, turned_on_the_spot
 from trueup.tracking.past import Past
 from trueup.tracking.wheels import Wheels, as_driven, told_duties
 from trueup.trial import Trial
-from trueup.units import PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
+from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
 _WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {
@@ -150,7 +150,7 @@ def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, fl
         raise RecordingError(f"no recording holds a number for {label}")
     if are_pulses(values):
         return PULSE_MIDDLE, PULSE_FULL
-    return 0.0, _rounded(values) if float(np.abs(values).max()) > MOST else 1.0
+    return 0.0, _rounded(values) if float(np.abs(values).max()) > AS_FAR else 1.0
 
 
 def _rounded(values: Array) -> float:

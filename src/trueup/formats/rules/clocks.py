@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.clock import COUNTS, FASTEST, SLOWEST, guess_unit, on_and_on, round_of
+from trueup.formats.clock import FASTEST, SLOWEST, guess_unit, on_and_on, round_of
 from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules.names import is_time, listed, names_its_clock, says_nanoseconds, stem, ticks, words
 from trueup.formats.table import Table, listing
+from trueup.samples import COUNTS
 from trueup.units import to_si
 
 _RATES, _PERIODS = listed("fps hz rate frequency freq fs"), listed("dt ts period timestep step")

@@ -24,14 +24,13 @@ from trueup.inspection.relations import rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
 from trueup.rounding import NEGLIGIBLE, PRINTED
+from trueup.samples import MOSTLY
 
 _MEASURED = PLAINLY_MEASURED | listed(
     "odom odometry encoder wheel wheels imu gyro sensor sensors vicon mocap optitrack gps gnss truth gt est estimated "
     "estimate state vesc slam amcl ekf ukf pf"
 )
 """Sources of what was measured."""
-_MOSTLY = 0.9
-"""Share of a robot's motion along its heading, by squares: from there on that is where it drives, not any other angle."""
 
 
 def leading(
@@ -105,7 +104,7 @@ def ahead(place: Sequence[Signal], heading: Sequence[Signal], time: TimeColumn) 
         on, beside = (averaged(when, v) for v in (x * np.cos(psi) + y * np.sin(psi), y * np.cos(psi) - x * np.sin(psi)))
         ways = np.sum(on.values**2), np.sum(beside.values**2)
         shares[ways[0] / max(sum(ways), NEGLIGIBLE)] = on
-    return shares[max(shares)] if max(shares) > _MOSTLY else None
+    return shares[max(shares)] if max(shares) > MOSTLY else None  # else the heading is any other angle
 
 
 def turning(heading: Sequence[Signal], time: TimeColumn) -> Channel | None:

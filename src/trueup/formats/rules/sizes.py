@@ -16,12 +16,10 @@ from trueup.formats.rules import joints
 from trueup.formats.rules.joints import BY_KIND
 from trueup.formats.rules.rule import Column
 from trueup.inspection.relations import factor, nearest, rate
-from trueup.units import hardly_radians, to_si
+from trueup.units import AS_FAR, hardly_radians, to_si
 
 _TURN = 4096
 """Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""
-_FILTERED = 0.5
-"""Speeds between this share of the positions' rate and its inverse are in SI, filtered or late: other units are beyond."""
 _TICKS = frozenset(["counts", "ticks"])
 _POSITIONS = ("position", "command", "command_sent")
 _ANGLES = ("rad", "deg", "rev")
@@ -144,7 +142,7 @@ class Sizes:
             per_si = times / (to_si(position.unit)[1] * position.scale[0])
             unit = nearest(per_si, {u: 1.0 / to_si(u)[1] for u in _SPEEDS})
             why = "" if unit else f"{per_si:.3g} times "
-            unit = unit or (usual if _FILTERED < per_si < 1.0 / _FILTERED else "")
+            unit = unit or (usual if 1.0 / AS_FAR < per_si < AS_FAR else "")
             if unit:
                 self.channels[name] = replace(channel, unit=unit)
                 self.notes.append(

@@ -179,8 +179,8 @@ _OF_SOMETHING_ELSE = listed(
     "path plan lookahead landmark target goal marker error"
 )
 """Parts of a topic's name below which nothing is the vehicle's own."""
-_EULER = MappingProxyType({"theta": 0.3, "phi": 0.6})
-"""Letters of a heading that are pitch and roll beside psi; what they add to a rank, where each source takes one."""
+_EULER = ("psi", "theta", "phi")
+"""Letters of a heading: the latter are pitch and roll beside the first. Each source takes a rank, these a part of it."""
 _OF_AN_IMU = frozenset(("imu", "acc", "accel", "acceleration", "gyro", "mag"))
 _ACCELERATIONS = frozenset(["accel", "acceleration", "acc"])
 """What drives a vehicle where it is commanded."""
@@ -239,7 +239,7 @@ def read(column: Column) -> Signal | None:
     elif kind in ("steering", "angle", "curvature", "throttle"):
         rank = (0 if commanded else 1) + 2 * (kind == "steering" and "servo" in plain)
     elif kind == "heading":
-        rank += max((share for word, share in _EULER.items() if word in plain), default=0.0)
+        rank += max((_EULER.index(word) / len(_EULER) for word in _EULER if word in plain), default=0.0)
     rank += 0 if named else len(RULES)  # behind all whose whole name is known
     return Signal(column, kind, factor, commanded, rank, frozenset(there & _WHOSE - {"long"}))
 

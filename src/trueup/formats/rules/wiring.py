@@ -16,17 +16,13 @@ from trueup.formats.rules.sizes import instants_of, usable
 from trueup.formats.rules.vehicles import Signal
 from trueup.formats.rules.wheels import Pair, in_pulses
 from trueup.inspection.alignment import averaged
-from trueup.inspection.relations import rate
+from trueup.inspection.relations import ALIKE, rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
 from trueup.samples import correlation
 from trueup.tracking.wheels import SIDES
-from trueup.units import PULSE_FULL, PULSE_MIDDLE
+from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE
 
-_CLEARLY = 0.5
-"""Sum of two correlations by which wheels that are mixed up or count backwards must explain a drive better."""
-_ABOUT = 0.5
-"""What one wheel moves a robot, of what the other does: less is something else than a wheel."""
 _BOTH = (1.0, 1.0)
 _SIGNS = (_BOTH, (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 
@@ -114,7 +110,7 @@ def _wired(
     if forward is None:
         plain = _together(pair, np.abs(both), moved, time) + abs(_together(pair, difference, turned, time))
         mirrored = _together(pair, np.abs(difference), moved, time) + abs(_together(pair, both, turned, time))
-        if mirrored < plain + _CLEARLY:
+        if mirrored < plain + ALIKE:
             return pair, _BOTH
         return pair, ((1.0, -1.0) if _together(pair, both, turned, time) < 0.0 else (-1.0, 1.0))
     on = {s: s[1] * _together(pair, both if s[0] == s[1] else difference, forward, time) for s in _SIGNS}
@@ -124,8 +120,8 @@ def _wired(
     scores = {(False, s): on[s] + to_the_left[s] for s in _SIGNS}
     scores |= {(True, (s[1], s[0])): on[s] - to_the_left[s] for s in _SIGNS}
     best = max(scores, key=lambda k: scores[k])
-    least = scores[False, _BOTH] if pair.sided else _CLEARLY
-    if scores[best] < least + _CLEARLY:
+    least = scores[False, _BOTH] if pair.sided else ALIKE
+    if scores[best] < least + ALIKE:
         return (pair, _BOTH) if pair.sided else None
     return (swapped if best[0] else pair), best[1]
 
@@ -144,7 +140,7 @@ def _as_much(pair: Pair, forward: Channel, turned: Channel, time: TimeColumn) ->
     for motion in (forward, turned):
         shown = np.interp(told[0].time, motion.time, motion.values[:, 0])
         shares = np.abs(np.linalg.lstsq(columns, shown - shown.mean(), rcond=None)[0])
-        if shares.min() < _ABOUT * shares.max():
+        if AS_FAR * shares.min() < shares.max():  # one is something else than a wheel
             return False
     return True
 
@@ -173,7 +169,7 @@ def turned_round(seen: Pair, command: Pair, sign: tuple[float, float], time: Tim
             when, values = rate(values, when)
         shown, held = averaged(when, values), averaged(asked[known], way * told.values[known])
         likeness = correlation(shown.values[:, 0], np.interp(shown.time, held.time, held.values[:, 0]))
-        signs.append(-1.0 if likeness < -_CLEARLY else 1.0)
+        signs.append(-1.0 if likeness < -ALIKE else 1.0)
     return signs[0], signs[1]
 
 

@@ -24,10 +24,10 @@ from trueup.identification.estimation.motion import Log, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
-from trueup.inspection.outstanding import FAR, MOST, NAME, joined, outstanding
-from trueup.inspection.released import USUAL
-from trueup.noise import spread
+from trueup.inspection.outstanding import NAME, joined, outstanding
+from trueup.noise import UNUSUAL, spread
 from trueup.rounding import TINY
+from trueup.samples import MOST
 
 _AGREE = 0.5
 """Of the samples: those that the fit is made to. As many may be disturbed as are not, and no fit can stand more."""
@@ -127,10 +127,10 @@ class _Looked:
         """Stretches that are far off a fit to the samples `inside`, and how far all else is at most.
 
         Friction of another form leaves more than is usual at every reversal: where that joins what stands out to most of a
-        recording, `FAR` times what is usual parts stretches.
+        recording, `UNUSUAL` times what is usual parts stretches.
         """
         off = [t.max(axis=1) for t in self.times(inside)]
-        for level in (USUAL, FAR * USUAL):
+        for level in (UNUSUAL, UNUSUAL * UNUSUAL):
             found, rest = self._beyond(off, level)
             if all(self._share([s for s in found if s[0] == k]) <= MOST for k, _, _ in found):
                 return found, rest
@@ -176,7 +176,7 @@ class _Looked:
         times = [t.max(axis=1) for t in self.times(free, usual=usual)]
         own = float(times[k][first : last + 1].max())
         free[k][first : last + 1] = False
-        return max(own, *(float(t[f].max(initial=0.0)) for t, f in zip(times, free, strict=True))) <= FAR * rest
+        return max(own, *(float(t[f].max(initial=0.0)) for t, f in zip(times, free, strict=True))) <= UNUSUAL * rest
 
     def loaded(self, stretches: Sequence[_Stretch]) -> bool:
         """Whether a body more at the last link explains most of what stands out: a load, which is said elsewhere."""
@@ -186,7 +186,7 @@ class _Looked:
             np.concatenate([t.max(axis=1)[h] for t, h in zip(times, held, strict=True)])
             for times in (self.times(free, None, usual), self.times(everything, held, usual))
         )
-        return float(np.median(with_it)) < float(np.median(without)) / FAR
+        return float(np.median(with_it)) < float(np.median(without)) / UNUSUAL
 
     def words(self, stretches: Sequence[_Stretch], rest: float) -> str:
         """Of each recording that was disturbed: when, and how many times as far off it is."""
@@ -209,7 +209,7 @@ def disturbed(logs: Sequence[Log], tree: KinematicTree, drives: Drives) -> tuple
     is said elsewhere, or where a log is too short to tell.
     """
     looked = _looked(logs, tree, drives)
-    stretches, rest = ([], USUAL) if looked is None else looked.found()
+    stretches, rest = ([], UNUSUAL) if looked is None else looked.found()
     if looked is None or not stretches or looked.loaded(stretches):
         return {}, ""
     spans: Spans = {}

@@ -7,6 +7,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import HALVED
+from trueup.inspection.relations import ALIKE
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
 from trueup.samples import between, correlation, thinned, way_along, wrapped
@@ -23,7 +24,6 @@ _MIRRORS = (
 )
 """How frames are mixed up that grow to the other side: in words, the columns and their signs."""
 _ASTRAY = 0.25  # median distance from the path, as a share of its extent
-_PLAINLY = 0.5  # correlation of turns with steering, below zero where one of the two has the wrong sign
 _AWRY = 0.7  # rad, median angle between where a vehicle points and where it goes
 
 
@@ -162,7 +162,7 @@ def _turns(recording: Recording) -> list[str]:
     steered = command.select(("steering",)).at(within.ravel())[:, 0].reshape(within.shape).mean(axis=0)
     turned = wrapped(np.diff(heading.at(legs)[:, 0]))
     known = np.isfinite(steered + turned)
-    if known.sum() < 0.5 * len(known) or correlation(steered[known], turned[known]) > -_PLAINLY:
+    if known.sum() < 0.5 * len(known) or correlation(steered[known], turned[known]) > -ALIKE:
         return []
     return [
         "it turns to the right where its steering is to the left: does its steering grow to the right? say it in "

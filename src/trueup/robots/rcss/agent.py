@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.pose import up_of
+from trueup.ends import TILT
 from trueup.errors import RobotFellError, TrialError
 from trueup.robots.rcss.body import Body
 from trueup.robots.rcss.connection import Connection
@@ -20,8 +21,6 @@ CYCLE = 0.02
 """s from one message to the next, of both servers."""
 _CLOCK = 0.0101
 """s: servers cut their time to hundredths, so that one cycle looks like 10, 20 or 30 ms."""
-_LEANS = 1.0
-"""rad: nobody stands who leans more."""
 _UPRIGHT = np.array([0.0, 0.0, 1.0])
 _STEADY = 0.5
 """s over which an accelerometer is averaged into which way is up."""
@@ -64,7 +63,7 @@ class Agent:
     @property
     def fallen(self) -> bool:
         """Whether it leans more than anyone does who stands."""
-        return bool(self._up[2] < math.cos(_LEANS) * np.linalg.norm(self._up))
+        return bool(self._up[2] < math.cos(TILT) * np.linalg.norm(self._up))
 
     def restart(self) -> None:
         """Counts cycles from now on."""
