@@ -40,7 +40,7 @@ def begun_with_noise(
     measure = _with_noise(simulator, residuals, drives, found.values)
     if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
         return found
-    held = _held(simulator, found.values)
+    held = _held(simulator, found)
     how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}
     begun = [found.values, *_late_otherwise(held.parameters, found.values)]
     ended = [fit(held, drives, others, **how, start=values) for values in begun]
@@ -57,16 +57,21 @@ def confirmed(
     measure = Ahead(simulator, drives)
     if noisy:
         measure = _with_noise(simulator, measure.residuals(found.values, drives), drives, found.values)
-    held = _held(simulator, found.values)
+    held = _held(simulator, found)
     return fit(held, drives, others, discrepancy=measure, cross_validate=False, again=True, without=SEARCHED,
                start=found.values)  # fmt: skip
 
 
-def _held(simulator: VehicleSimulator, values: Array) -> VehicleSimulator:
-    """With what `LASTING` names as it is in values (n,)."""
+def _held(simulator: VehicleSimulator, found: Calibration) -> VehicleSimulator:
+    """With what `LASTING` names as it was found, and structures that were kept as part of the vehicle: asked about anew they
+    would be gone at the start, and the search led away for want of them.
+    """
     space = simulator.parameters
     lasting = [n for n in LASTING if n in space.names]
-    return simulator.with_parameters(space.freeze(lasting, dict(zip(space.names, values, strict=True))))
+    held = space.freeze(lasting, dict(zip(space.names, found.values, strict=True)))
+    kept = {e.name for e in found.estimates if e.fitted}
+    parts = (p.replace(optional="") if p.name in kept else p for p in held.parameters)
+    return simulator.with_parameters(ParameterSpace(tuple(parts)))
 
 
 def _with_noise(
