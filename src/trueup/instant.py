@@ -47,8 +47,8 @@ class Instant:
     """0 where speeds were measured, or none is seen."""
 
     def speed_of_steps(self, step: float) -> Array:
-        """(k,) the speed that semi-implicit steps of `step` s begin with to pass here as fast: they move by the speed at the end
-        of each, so that what goes through these positions has its speeds half a step earlier.
+        """(k,) the speed that semi-implicit steps of `step` s begin with to pass here as fast: they move by the speed at the
+        end of each, so that what goes through these positions has its speeds half a step earlier.
         """
         return self.speed - 0.5 * step * self.acceleration
 
@@ -94,23 +94,25 @@ def at_instant(position: Channel, velocity: Channel | None, time: float) -> Inst
     Long windows average noise, short ones follow the motion, and so do parabolas and cubics: of all, in the order of how well
     they know the speed, the last is taken whose estimates lie within two standard errors of those of all before (O. Lepski,
     Theory Probab. Appl. 35(3), 1990), of more the noisier these are, since each may end the search by chance and then costs
-    the more (O. Lepski, E. Mammen, V. Spokoiny, Ann. Statist. 25(3), 1997); and then one of each degree back, so that noise is
-    more than what bends (P. Hall, Ann. Statist. 20(2), 1992). The first is one position and one velocity, where both were
+    the more (O. Lepski, E. Mammen, V. Spokoiny, Ann. Statist. 25(3), 1997); and then one of each degree back, so that noise
+    is more than what bends (P. Hall, Ann. Statist. 20(2), 1992). The first is one position and one velocity, where both were
     measured. A speed that is not seen to differ from zero is zero.
     """
     return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 5).T)
 
 
-def _state(position: Channel, velocity: Channel | None, label: str, time: float) -> tuple[float, float, float, float, float]:
+def _state(
+    position: Channel, velocity: Channel | None, label: str, time: float
+) -> tuple[float, float, float, float, float]:
     """Value, speed, their standard deviations, and the acceleration (0 where speeds were measured, or none is seen)."""
     t, rows, seen = _samples(position, label, time, 0)
     if not len(t):
         return np.nan, np.nan, np.nan, np.nan, np.nan
     level = float(seen[0] / rows[0, 0])
     seen = seen - level * rows[:, 0]
-    paced = velocity is not None and label in velocity.labels
-    if paced:
-        more = _samples(velocity, label, time, 1)
+    rates = velocity if velocity is not None and label in velocity.labels else None
+    if rates is not None:
+        more = _samples(rates, label, time, 1)
         t, rows, seen = (np.concatenate(pair) for pair in zip((t, rows, seen), more, strict=True))
     order = np.argsort(np.abs(t), kind="stable")
     states, covariances = _windows(rows[order], seen[order])
@@ -126,7 +128,13 @@ def _state(position: Channel, velocity: Channel | None, label: str, time: float)
     (value, speed, acceleration), covariance = states[last], covariances[last]
     if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
         value, speed, acceleration = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0, 0.0
-    return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1]), 0.0 if paced else float(acceleration)
+    return (
+        float(level + value),
+        float(speed),
+        float(sd[last, 0]),
+        float(sd[last, 1]),
+        0.0 if rates is not None else float(acceleration),
+    )
 
 
 def _windows(rows: Array, seen: Array) -> tuple[Array, Array]:

@@ -43,8 +43,8 @@ def at_rest(model: Model) -> tuple[Array, Array]:
 def measured_start(
     rest: tuple[Array, Array], trial: Trial, joints: Sequence[str], step: float = 0.0
 ) -> tuple[Array, Array]:
-    """(k,), (k,) positions and velocities of `joints` at the trial's start, from its recording, as steps of `step` s have them
-    (`Instant.speed_of_steps`); else those of `rest`.
+    """(k,), (k,) positions and velocities of `joints` at the trial's start, from its recording, as steps of `step` s have
+    them (`Instant.speed_of_steps`); else those of `rest`.
     """
     place, pace = (np.array(r) for r in rest)
     position, velocity = trial.initial.get("position"), trial.initial.get("velocity")

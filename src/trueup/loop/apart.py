@@ -117,6 +117,6 @@ def confirmed(exact: Problem, space: ParameterSpace, start: Array, point: Array,
     """
     glance = exact.shortened(GLANCE)
     own = Descent(space, start, Watch(), robust)
-    own.descend(Look("glance", glance, glance, 30.0, 15), nudge=float(__import__("os").environ.get("NUDGE","0.05")))
+    own.descend(Look("glance", glance, glance, 30.0, 15), nudge=LeastSquares.nudge)
     here, there = losses_at(exact, space, np.stack([point, own.point]))
     return bool(here <= there)

@@ -17,6 +17,7 @@ from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
+from trueup.loop.interior import nudge
 from trueup.loop.mixed import Mixed
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.profiles import off_bounds, profiles
@@ -196,20 +197,18 @@ def _first(coarse: Problem) -> Problem:
 
 
 def coarsest(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None = None) -> Problem:
-    """The problem at the coarsest step that tells nearly the same residuals at the start, and where a search begins that is
-    nudged off its bounds, approximated where that does; as an earlier fit has had it. A start that cannot be simulated tells
-    nothing: a search leads away from it.
+    """The problem at the coarsest step that tells nearly the same residuals where a search begins that may be nudged off its
+    bounds, approximated where that does; as an earlier fit has had it.
     """
     if begun is not None and begun.near is not None:
         return begun.near.with_starts(problem.trials, ())
-    places = space.from_unit(np.stack([np.clip(point, 0.0, 1.0), np.clip(point, 0.05, 0.95)]))
-    start, nudged = problem.residuals(places[:1])[0], problem.start_residual(places[1])
-    fine = [start, nudged] if np.isfinite(start).all() else [nudged]
+    point = np.clip(point, 0.0, 1.0)
+    moved = nudge(problem, space, point)
+    place = space.from_unit(np.clip(point, moved, 1.0 - moved))
+    fine = problem.start_residual(place)
     for factor in _COARSE:
         cheap = problem.at_step(problem.simulator.step * factor)
-        rough = cheap.residuals(places[-len(fine) :])
-        if np.isfinite(rough).all() and all(
-            np.linalg.norm(own - real) <= FAITHFUL * np.linalg.norm(real) for own, real in zip(rough, fine, strict=True)
-        ):
-            return cheap.approximated(places[1], nudged)
-    return problem.approximated(places[1], nudged)
+        rough = cheap.residuals(place[None])[0]
+        if np.isfinite(rough).all() and np.linalg.norm(rough - fine) <= FAITHFUL * np.linalg.norm(fine):
+            return cheap.approximated(place, fine)
+    return problem.approximated(place, fine)

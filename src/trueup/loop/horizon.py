@@ -84,8 +84,8 @@ def _spread(problem: Problem) -> Problem:
 
 
 def led_length(problem: Problem, space: ParameterSpace, values: Array, lasting: float) -> float:
-    """How long windows are in s that one step of least squares from `values` (n,) explains best: of `lasting` and ever shorter
-    ones; inf where it is whole replays.
+    """How long windows are in s that one step of least squares from `values` (n,) explains best: of `lasting` and ever
+    shorter ones; inf where it is whole replays.
 
     What torques swing forgets where it began, but not what drives it: the longer a replay, the sooner slopes along parameters
     lead astray, and the shorter it is, the more of its errors are those of its start (A. H. Ribeiro et al., On the smoothness

@@ -15,6 +15,7 @@ from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, last_look
 from trueup.loop.disturbed import LeftOut, disturbed, seen_by
 from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved, losses_at
+from trueup.loop.interior import nudge
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import LONGER, Starts
@@ -75,33 +76,32 @@ class Run:
 
     @property
     def seen(self) -> Problem:
-        """Where small differences are seen: in an approximation at the same step, where there is one."""
+        """Where small differences are seen: an approximation at the same step, if any."""
         return self.problem if self.coarse.approximate_part is None else self.coarse
 
     def go(self, look: Look, *, again: bool = False) -> LeastSquares:
         """Least squares on one look, as the next; `again` where a search has ended here before (see `Descent.polish`)."""
         run = self.descent
         if self.looks and not np.isfinite(look.problem.residuals(run.space.from_unit(run.point[None]))).all():
-            # What replays with a coarser step may blow up with the real one: back to the start, without the coarser one.
-            run.restart(self.start)
+            run.restart(self.start)  # what replays with a coarser step may blow up with the real one
             look = replace(look, cheap=look.problem)
         if self.looks == 1 and run.search is not None and explained(run.search.residual):
             self.short = run.space.from_unit(run.point)
         self.look, self.looks = look, self.looks + 1
-        saved, self.saved = self.saved, None
         begins = self.looks == 1 and not (self.resumed or self.begun)
-        return self._searched(look, nudge=float(__import__("os").environ.get("NUDGE","0.05")) if begins else 0.0, saved=saved, again=again)
+        return self._searched(look, begins=begins, saved=_taken(self), again=again)
 
     def again(self) -> None:
-        """Goes through the last look once more from where it has ended, with other parameters free."""
+        """Goes through the last look once more from there, with other parameters free."""
         self._searched(self.look, again=True)
 
     def _searched(
-        self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, again: bool = False
+        self, look: Look, saved: dict[str, Any] | None = None, *, begins: bool = False, again: bool = False
     ) -> LeastSquares:
         if saved is None and look.cheap.simulator is not look.problem.simulator:
             return self.descent.polish(look, again=again)
-        return self.descent.descend(look, nudge=nudge, saved=saved)
+        off = nudge(look.problem, self.descent.space, self.descent.point) if begins else 0.0
+        return self.descent.descend(look, nudge=off, saved=saved)
 
     def from_there(self, point: Array | None) -> None:
         """Goes through the last look once more, from another place."""
@@ -260,7 +260,7 @@ def evolution(run: Run) -> None:
     point = anywhere(run.look.problem, run_.space, found, run_.watch, run.seed)
     if point is not None:
         run.from_there(point)
-        lines(run)  # which other parameters, far off until now, may have led astray
+        lines(run)  # which others, far off until now, may have led astray
     again = None if led is None else run_.led(run.look)
     if led is not None and again is not None and run.look.real is not None:
         there, here = losses_at(run.look.real, run_.space, np.stack([led.point, again.point]))
