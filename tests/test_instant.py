@@ -63,6 +63,41 @@ def test_a_swing_is_known_far_better_than_by_a_single_sample() -> None:
     assert inside.speed_sd[0] < 0.5 * edge.speed_sd[0]  # samples on both sides
 
 
+def test_what_is_jerked_is_followed_by_a_cubic() -> None:
+    """A parabola through the fewest samples is six standard deviations off there."""
+    off = []
+    for seed in range(60):
+        values = jerked(TIME)[0] + SIGMA[0] * np.random.default_rng(seed).standard_normal(len(TIME))
+        found = at_instant(Channel("p", ("j",), "rad", TIME, values[:, None]), None, 0.01)
+        off.append((found.speed[0] - float(jerked(np.array(0.01))[1])) / found.speed_sd[0])
+    assert np.sqrt(np.mean(np.square(off))) < 1.7
+
+
+def test_rest_is_not_taken_for_motion_because_the_first_samples_happen_to_differ() -> None:
+    speeds = []
+    for seed in range(80):
+        values = SIGMA[0] * np.random.default_rng(seed).standard_normal((len(TIME), 1))
+        speeds.append(at_instant(Channel("p", ("j",), "rad", TIME, values), None, 0.3).speed[0])
+    assert np.sqrt(np.mean(np.square(speeds))) < 1e-3  # of single samples: 0.04 rad/s
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_steps_that_move_by_the_speed_at_their_end_begin_half_a_step_earlier(measured: bool) -> None:
+    """A joint that swings in semi-implicit steps of 10 ms: its positions pass faster than its speeds say."""
+    step, place, pace = 0.01, [0.0], [0.0]
+    for k in range(200):
+        pace.append(pace[-1] + step * 40.0 * np.cos(4.0 * k * step))
+        place.append(place[-1] + step * pace[-1])
+    time: Array = np.linspace(0.0, 200 * step, 201)
+    rng = np.random.default_rng(0)
+    positions, speeds = (np.array(x)[:, None] + 1e-5 * rng.standard_normal((201, 1)) for x in (place, pace))
+    rates = Channel("v", ("j",), "rad/s", time, speeds) if measured else None
+    found = at_instant(Channel("p", ("j",), "rad", time, positions), rates, 0.8)
+    assert found.speed_of_steps(step)[0] == pytest.approx(pace[80], abs=0.02)
+    if not measured:
+        assert abs(found.speed[0] - pace[80]) > 0.1
+
+
 def test_missing_samples_and_labels_are_no_state() -> None:
     values = np.stack([np.sin(TIME), np.full(len(TIME), np.nan)], axis=1)
     values[:3, 0] = np.nan

@@ -69,9 +69,9 @@ def _log(times: float, seed: int) -> Recording:
     })  # fmt: skip
 
 
-def _found(folder: Path, times: float) -> Calibration:
+def _found(folder: Path, times: float, seed: int = 1) -> Calibration:
     (file := folder / "arm.xml").write_text(_arm(1.0))
-    return prepare(file, [_log(times, 1)]).calibrate(Options(cross_validate=False))
+    return prepare(file, [_log(times, seed)]).calibrate(Options(cross_validate=False))
 
 
 def test_factors_on_all_torques_may_as_well_be_masses_and_intervals_hold_both(tmp_path: Path) -> None:
@@ -89,10 +89,15 @@ def test_factors_on_all_torques_may_as_well_be_masses_and_intervals_hold_both(tm
         assert e.value == pytest.approx(truth[name] / 1.4, rel=0.05)
 
 
-def test_where_masses_are_right_values_are_called_identified(tmp_path: Path) -> None:
-    found = _found(tmp_path, 1.0)
+@pytest.mark.parametrize("seed", [0, 3, 4])
+def test_where_masses_are_right_values_of_a_swinging_arm_are_identified(tmp_path: Path, seed: int) -> None:
+    """The links turn over, several times each: replays of 6 s do not follow slopes, nor any start that is off by a hair."""
+    found = _found(tmp_path, 1.0, seed)
     assert not [n for n in found.notes if "in proportion to the masses" in n]
-    assert {e.verdict for e in found.estimates if e.name.endswith((".damping", ".armature"))} == {"identified"}
+    for e in found.estimates:
+        if e.name.endswith((".damping", ".armature")):
+            assert e.verdict == "identified"
+            assert e.value == pytest.approx(0.1 if e.name.endswith(".damping") else 0.005, rel=0.02)
 
 
 def _estimate(name: str, value: float, width: float = 0.01) -> Estimate:

@@ -16,12 +16,14 @@ from trueup.engines.simulator import Simulator
 from trueup.evidence import explained
 from trueup.loop.descent import Descent, Look, Watch, last_look
 from trueup.loop.fit import DESCENT, SEARCHES, coarsest, fit
+from trueup.loop.interior import nudge
 from trueup.loop.problem import Problem
 from trueup.loop.profiles import _held
 from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
+from trueup.search.least_squares import LeastSquares
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -189,6 +191,16 @@ def test_a_coarser_step_is_faithful_where_the_search_begins(formula: Make) -> No
     problem = problem_of(formula(lagging, SPACE), truth)
     assert coarsest(problem, SPACE, SPACE.to_unit(np.array([4.0, 0.1]))).simulator.step > 0.01
     assert coarsest(problem, SPACE, SPACE.to_unit(truth)).simulator.step == 0.01
+
+
+def test_a_search_begins_off_bounds_where_that_is_not_all_that_is_wrong(formula: Make) -> None:
+    def waving(time: Array, values: Array, step: float) -> Array:
+        return values[0] * np.sin(2.0 * time) + 10.0 * values[1] * np.cos(9.0 * time)
+
+    on_bound = SPACE.parameters[1].lower
+    for truth, off in ((2.0, 0.0), (4.0, LeastSquares.nudge)):
+        problem = problem_of(formula(waving, SPACE), np.array([truth, on_bound]))
+        assert nudge(problem, SPACE, SPACE.to_unit(np.array([2.02, on_bound]))) == off
 
 
 def test_a_start_that_cannot_be_simulated_says_nothing_of_coarser_steps(formula: Make) -> None:

@@ -16,7 +16,7 @@ from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.alike import alike
-from trueup.loop.horizon import _spread, horizon
+from trueup.loop.horizon import _spread, horizon, led_length
 from trueup.loop.problem import Problem
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -108,6 +108,14 @@ def test_what_long_replays_hide_is_found_in_the_windows_that_lead_lowest() -> No
     length, found = horizon(problem, told, told.nominal)
     assert length < 1.0
     assert found == pytest.approx([24.0, 24.0], rel=0.01)
+
+
+@pytest.mark.parametrize(("speed", "whole"), [(20.05, True), (22.0, False), (26.0, False)])
+def test_windows_of_what_torques_swing_are_as_long_as_a_step_of_least_squares_leads(speed: float, whole: bool) -> None:
+    problem, told = turned((speed, speed), ("left", "right")), space(("left", "right"))
+    length = led_length(problem, told, told.nominal, np.inf)
+    assert np.isinf(length) == whole
+    assert whole or 0.2 < length < 1.2  # a turn takes 0.3 s; in less than 0.2 s little but the start is seen
 
 
 def test_lengths_are_compared_at_the_models_own_step() -> None:
