@@ -45,6 +45,8 @@ def cut_for_search(
         reason = ": of several lengths this one led to where whole recordings are replayed best"
     if by_torque(problem) and not (carried(problem) or _reckoned(problem)) and space.free.any():
         smooth = led_length(problem, space, values, lasting)
+        if smooth < lasting:
+            reason = ": of several lengths a step of least squares explains this one best"
     whole = in_windows(problem, min(lasting, smooth))
     begun = _freed(_spread(whole), values)
     shown = (

@@ -80,7 +80,7 @@ JOINTS = (
         bounds=between(0.0, 5.0), attributes=("joint.damping_quadratic",), start=None, shown_by="fast steady motion",
     ),
     Quantity(
-        name="friction", family="joint", unit="N m", title="Coulomb friction", scale="log", bounds=factor(1000, 50, 0.05),
+        name="friction", family="joint", unit="N m", title="Coulomb friction", scale="log", bounds=factor(100, 50, 0.05),
         attributes=("joint.friction",), start=None, reach=_held, shown_by="slow reversals",
     ),
     Quantity(
