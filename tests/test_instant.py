@@ -60,25 +60,7 @@ def test_a_swing_is_known_far_better_than_by_a_single_sample() -> None:
     channel = Channel("position", ("j",), "rad", TIME, place + SIGMA[0] * rng.standard_normal(len(TIME)))
     inside, edge = at_instant(channel, None, 1.0), at_instant(channel, None, 0.0)
     assert inside.value_sd[0] < 0.4 * SIGMA[0]
-    assert inside.speed_sd[0] < 0.5 * edge.speed_sd[0]  # samples on both sides
-
-
-def test_what_is_jerked_is_followed_by_a_cubic() -> None:
-    """A parabola through the fewest samples is six standard deviations off there."""
-    off = []
-    for seed in range(60):
-        values = jerked(TIME)[0] + SIGMA[0] * np.random.default_rng(seed).standard_normal(len(TIME))
-        found = at_instant(Channel("p", ("j",), "rad", TIME, values[:, None]), None, 0.01)
-        off.append((found.speed[0] - float(jerked(np.array(0.01))[1])) / found.speed_sd[0])
-    assert np.sqrt(np.mean(np.square(off))) < 1.7
-
-
-def test_rest_is_not_taken_for_motion_because_the_first_samples_happen_to_differ() -> None:
-    speeds = []
-    for seed in range(80):
-        values = SIGMA[0] * np.random.default_rng(seed).standard_normal((len(TIME), 1))
-        speeds.append(at_instant(Channel("p", ("j",), "rad", TIME, values), None, 0.3).speed[0])
-    assert np.sqrt(np.mean(np.square(speeds))) < 1e-3  # of single samples: 0.04 rad/s
+    assert inside.speed_sd[0] < 0.25 * edge.speed_sd[0]  # samples on both sides
 
 
 @pytest.mark.parametrize("measured", [False, True])

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -19,7 +18,6 @@ REACH = 0.25
 """s to either side: what lies further off says nothing of an instant."""
 _KEPT = 2**16  # instants that are remembered: minutes cut into thousands of windows begin at each again and again
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
-_DEGREES = 2, 3  # of the polynomials through each window: what accelerates evenly, and what is jerked
 
 
 CUBIC = 0.08
@@ -89,14 +87,13 @@ def rate_noise(step: float) -> float:
 
 @lru_cache(maxsize=_KEPT)
 def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
-    """The state at `time` by a parabola or a cubic through positions, and measured velocities of the same labels, around it.
+    """The state at `time` by a parabola through positions, and measured velocities of the same labels, around it.
 
-    Long windows average noise, short ones follow the motion, and so do parabolas and cubics: of all, in the order of how well
-    they know the speed, the last is taken whose estimates lie within two standard errors of those of all before (O. Lepski,
-    Theory Probab. Appl. 35(3), 1990), of more the noisier these are, since each may end the search by chance and then costs
-    the more (O. Lepski, E. Mammen, V. Spokoiny, Ann. Statist. 25(3), 1997); and then one of each degree back, so that noise
-    is more than what bends (P. Hall, Ann. Statist. 20(2), 1992). The first is one position and one velocity, where both were
-    measured. A speed that is not seen to differ from zero is zero.
+    Long windows average noise, short ones follow the motion: the longest is taken whose estimates lie within two standard
+    errors of those of all shorter ones (O. Lepski, Theory Probab. Appl. 35(3), 1990; A. Goldenshluger and A. Nemirovski,
+    Math. Methods Stat. 6(2), 1997), and of these the last but one, so that noise is more than what bends (P. Hall, Ann.
+    Statist. 20(2), 1992). The shortest is one position and one velocity, where both were measured. A speed that is not seen
+    to differ from zero is zero.
     """
     return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 5).T)
 
@@ -119,60 +116,41 @@ def _state(
     if not len(states):
         return level, 0.0, float(1.0 / rows[0, 0]), np.nan, 0.0
     sd = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    # The noisier a window, the rarer it must be that noise alone ends the search there.
-    far = STANDARD_ERRORS * sd * np.sqrt(1.0 + np.log(np.maximum(sd / sd[-1], 1.0)))
     last = 0
-    while last + 1 < len(states) and np.all(np.abs(states[last + 1, :2] - states[: last + 1, :2]) <= far[: last + 1]):
+    while last + 1 < len(states) and np.all(
+        np.abs(states[last + 1, :2] - states[: last + 1, :2]) <= STANDARD_ERRORS * sd[: last + 1]
+    ):
         last += 1
-    last = max(0, last - len(_DEGREES))
+    last = max(0, last - 1)
     (value, speed, acceleration), covariance = states[last], covariances[last]
     if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
         value, speed, acceleration = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0, 0.0
-    return (
-        float(level + value),
-        float(speed),
-        float(sd[last, 0]),
-        float(sd[last, 1]),
-        0.0 if rates is not None else float(acceleration),
-    )
+    acceleration = float(acceleration) if rates is None else 0.0
+    return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1]), acceleration
 
 
 def _windows(rows: Array, seen: Array) -> tuple[Array, Array]:
-    """(w, 3) value, speed and acceleration by the samples (n, 4), (n,) of each window, the nearest first, and (w, 2, 2)
-    covariances, by polynomials of each degree, in the order of how well they know the speed, the least first.
+    """(w, 3) value, speed and acceleration (0: not asked for) by the samples (n, 3), (n,) of each window, the nearest first,
+    and (w, 2, 2) covariances of the first two.
     """
     normal = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
     slope = np.cumsum(rows * seen[:, None], axis=0)
     places = np.cumsum(rows[:, 0] > 0.0)
-    both = int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
-    # With a degree of freedom left: as many positions, and one sample more.
-    firsts = {degree + 1: int(np.searchsorted(places, degree + 1)) + 2 for degree in _DEGREES}
-    found = [_fitted(normal, slope, 2, [max(both, 2)])] if both < min(firsts.values()) else []
-    for width, first in firsts.items():
-        counts = [first]
-        while counts[-1] < len(rows):
-            counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
-        found.append(_fitted(normal, slope, width, counts))
-    states, covariances = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    order = np.argsort(-covariances[:, 1, 1], kind="stable")
-    return states[order], covariances[order]
-
-
-def _fitted(normal: Array, slope: Array, width: int, counts: Sequence[int]) -> tuple[Array, Array]:
-    """(w, 3) value, speed and acceleration (0: not asked for) by the first so many of the samples, of which normal equations
-    (n, 4, 4), (n, 4) are summed up, by the first `width` numbers; and (w, 2, 2) covariances of the first two.
-    """
-    counts = [count - 1 for count in counts if count <= len(normal)]
-    states, own, right = np.zeros((len(counts), 3)), normal[counts, :width, :width], slope[counts, :width]
-    scale = 1.0 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))  # powers of milliseconds are of very different size
-    inverse = np.linalg.inv(own * scale[:, :, None] * scale[:, None]) * scale[:, :, None] * scale[:, None]
-    states[:, :width] = np.einsum("wij,wj->wi", inverse, right)[:, :3]
-    return states, inverse[:, :2, :2]
+    # A parabola with a degree of freedom left: three positions, and one sample more.
+    first, both = int(np.searchsorted(places, 3)) + 2, int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
+    counts = [first]
+    while counts[-1] < len(rows):
+        counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
+    sizes = [(max(both, 2), 2)] * (both < first) + [(count, 3) for count in counts]
+    sizes = [(count, width) for count, width in sizes if count <= len(rows)]
+    inverses = [np.linalg.inv(normal[count - 1][:width, :width]) for count, width in sizes]
+    states = [inverse @ slope[count - 1][:width] for inverse, (count, width) in zip(inverses, sizes, strict=True)]
+    return np.array([np.append(s, 0.0)[:3] for s in states]), np.array([inverse[:2, :2] for inverse in inverses])
 
 
 def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Array, Array, Array]:
-    """(n,) instants of samples near `time`, from there on; (n, 4) what each is of value, speed, acceleration and jerk;
-    (n,) the samples; both in units of their noise.
+    """(n,) instants of samples near `time`, from there on; (n, 3) what each is of value, speed and acceleration; (n,) the
+    samples; both in units of their noise.
     """
     fewest = 4  # samples of a parabola that has a degree of freedom left
     values, good = channel.column(label), np.arange(*_around(channel.time, time))
@@ -183,7 +161,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
     noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
-    rows = [one, t, t**2 / 2.0, t**3 / 6.0] if order == 0 else [0.0 * one, one, t, t**2 / 2.0]
+    rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
     return t, np.stack(rows, axis=1) / noise, values[near] / noise
 
 

@@ -161,7 +161,7 @@ class ByNoise:
 
 
 def test_a_search_in_windows_of_a_free_base_ends_with_slopes_over_a_stretch_and_goes_on_by_them() -> None:
-    rng, walked = np.random.default_rng(0), np.stack([TIME, 0.0 * TIME, 0.3 * TIME], axis=1)
+    rng, walked = np.random.default_rng(3), np.stack([TIME, 0.0 * TIME, 0.3 * TIME], axis=1)
     seen = {
         name: Channel(name, labels, "m" if name == "base_position" else "rad", TIME,
                       walked * (name == "base_position") + SIGMA * rng.standard_normal((len(TIME), 3)))

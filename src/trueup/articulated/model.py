@@ -174,6 +174,19 @@ class Pushable(Protocol):
         ...
 
 
+@runtime_checkable
+class Subdivided(Protocol):
+    """Copies that divide a step where it is longer than they can take."""
+
+    substep: float
+    """s"""
+
+
+def taken(copies: object, step: float) -> float:
+    """How long the steps are, in s, that copies take in one of `step`."""
+    return min(step, copies.substep) if isinstance(copies, Subdivided) else step
+
+
 class Engine(Model, Protocol):
     """A model that can be simulated: all that `articulated.simulator.ArticulatedSimulator` needs."""
 

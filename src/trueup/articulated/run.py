@@ -13,7 +13,7 @@ from trueup.articulated.chance import Chances
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import read_off
-from trueup.articulated.model import Engine, Running, Stopping
+from trueup.articulated.model import Engine, Running, Stopping, taken
 from trueup.articulated.pose import ANGLES, ORIENTATION, near
 from trueup.articulated.sensing import read_noise
 from trueup.articulated.signals import Signals
@@ -40,9 +40,9 @@ class Run:
         """`values` (b, n) of what `quantities` assign, then of the controller's parameters."""
         own = len(quantities)
         self._model, self._trial, self._step = engine, trial, step
-        self._signals = Signals(engine, quantities, [trial], values[:, :own])
         self._rows = len(values)
         self._copies: Running = self._model.copies(self._rows)
+        self._signals = Signals(engine, quantities, [trial], values[:, :own], taken(self._copies, step))
         write(quantities, values[:, :own], self._copies)
         gains.scale(self._model, self._copies, [trial.name], self._rows)
         seeing = controllers is not None

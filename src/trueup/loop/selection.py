@@ -105,10 +105,11 @@ def shallow(problem: Problem, fit: Fit) -> list[Parameter]:
 
 
 def _structure(problem: Problem, p: Parameter) -> bool:
-    """Whether it is one of a structure, which has been asked about; not a limit that was searched with all else."""
-    return bool(p.optional) or (
-        p.absent is not None and not (is_limit(p) and not problem.simulator.parameters[p.name].optional)
-    )
+    """Whether it is one of a structure, which has been asked about; not a limit that was searched with all else and has
+    a value for where it is not met.
+    """
+    unmet = is_limit(p) and p.unidentified is not None and not problem.simulator.parameters[p.name].optional
+    return bool(p.optional) or (p.absent is not None and not unmet)
 
 
 def proof(problem: Problem, fit: Fit) -> float:
