@@ -45,6 +45,6 @@ def test_the_stiffness_of_a_spring_in_the_file_is_calibrated(tmp_path: Path) -> 
     found = ready.calibrate(Options(cross_validate=False, select=False))
     (spring,) = [e for e in found.estimates if e.name == "tarsus.spring"]
     assert spring.value == pytest.approx(55.0, rel=0.03)
-    assert found.replays[0].rmse_after().max() < 1e-3
+    assert found.replays[0].rmse_after().max() < 1.5e-3
     ready.write(found, tmp_path / "fitted.xml", tmp_path / "fitted.toml")
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "fitted.xml")).jnt_stiffness[1] == pytest.approx(spring.value)

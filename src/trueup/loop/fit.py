@@ -197,18 +197,21 @@ def _first(coarse: Problem) -> Problem:
 
 
 def coarsest(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None = None) -> Problem:
-    """The problem at the coarsest step that tells nearly the same residuals where a search begins that may be nudged off its
-    bounds, approximated where that does; as an earlier fit has had it.
+    """The problem at the coarsest step that tells nearly the same residuals at the start, and where a search begins that may
+    be nudged off its bounds, approximated where that does; as an earlier fit has had it.
     """
     if begun is not None and begun.near is not None:
         return begun.near.with_starts(problem.trials, ())
     point = np.clip(point, 0.0, 1.0)
     moved = nudge(problem, space, point)
-    place = space.from_unit(np.clip(point, moved, 1.0 - moved))
-    fine = problem.start_residual(place)
+    places = space.from_unit(np.stack([point, np.clip(point, moved, 1.0 - moved)]))
+    start, nudged = problem.residuals(places[:1])[0], problem.start_residual(places[1])
+    fine = [start, nudged] if np.isfinite(start).all() else [nudged]
     for factor in _COARSE:
         cheap = problem.at_step(problem.simulator.step * factor)
-        rough = cheap.residuals(place[None])[0]
-        if np.isfinite(rough).all() and np.linalg.norm(rough - fine) <= FAITHFUL * np.linalg.norm(fine):
-            return cheap.approximated(place, fine)
-    return problem.approximated(place, fine)
+        rough = cheap.residuals(places[-len(fine) :])
+        if np.isfinite(rough).all() and all(
+            np.linalg.norm(own - real) <= FAITHFUL * np.linalg.norm(real) for own, real in zip(rough, fine, strict=True)
+        ):
+            return cheap.approximated(places[1], nudged)
+    return problem.approximated(places[1], nudged)

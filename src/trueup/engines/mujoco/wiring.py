@@ -145,7 +145,7 @@ def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
 def start_state(compiled: mujoco.MjModel, trial: Trial) -> tuple[Array, Array]:
     """(nq,), (nv,) at the trial's start but for its joints."""
     qpos, qvel = rest(compiled)
-    base = measured_base(trial, compiled.opt.timestep)
+    base = measured_base(trial)
     if base is not None:
         place(compiled, qpos, qvel, base)
     return qpos, qvel
