@@ -9,7 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.articulated.disturbances import CommandNoises, Forces
-from trueup.articulated.model import BasePose, Engine, Pushable, Running, taken
+from trueup.articulated.model import BasePose, Engine, Pushable, Running
 from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.articulated.sensing import Place, Senses, scatter, senses_of, turned_angles
 from trueup.articulated.signals import Signals
@@ -43,7 +43,7 @@ class Chances:
 
     def place(self, position: Array, velocity: Array) -> None:
         """Puts the copies where the trial begins, joints (b, k), and off by what is declared to scatter."""
-        base = measured_base(self._trial, taken(self._copies, self._step))
+        base = measured_base(self._trial)
         self._copies.place(position, velocity, base)
         if any(isinstance(d, StartScatter) for d in self._trial.disturbances):
             state = {"position": np.array(position), "velocity": np.array(velocity)}

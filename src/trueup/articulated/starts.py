@@ -15,10 +15,8 @@ from trueup.instant import at_instant
 from trueup.trial import Trial
 
 
-def measured_base(trial: Trial, step: float = 0.0) -> BasePose | None:
-    """The pose of a free base at the trial's start, where its position and angles (`pose.in_angles`) were measured, and its
-    speeds as steps of `step` s have them (`Instant.speed_of_steps`).
-    """
+def measured_base(trial: Trial) -> BasePose | None:
+    """The pose of a free base at the trial's start, where its position and angles (`pose.in_angles`) were measured."""
     position, orientation = trial.initial.get(POSITION), trial.initial.get(ORIENTATION)
     if position is None or orientation is None or orientation.labels != ANGLES:
         return None
@@ -26,7 +24,7 @@ def measured_base(trial: Trial, step: float = 0.0) -> BasePose | None:
     ordered = position if position.labels == AXES else position.select(AXES)  # the same channel is not looked at again
     for channel, rates in ((ordered, None), (orientation, trial.initial.get(RATES))):
         begun = at_instant(channel, rates, trial.start)
-        state = np.array([begun.value, begun.speed_of_steps(step)])
+        state = np.array([begun.value, begun.speed])
         if channel.name in trial.corrections:
             labels = trial.initial[channel.name].labels
             state += trial.corrections[channel.name][:, [labels.index(n) for n in channel.labels]]

@@ -65,8 +65,8 @@ def _ahead(free: Model, hanging: mujoco.MjModel, recording: Recording, begin: fl
     factors = np.array([control_of(free, name, command.unit) for name in commanded(free, asked)])
     late = (position.time > begin) & (position.time <= begin + _LASTING)
     trial, still = replace(Trial.of(recording), start=begin), np.zeros(len(labels))
-    step = free.compiled.opt.timestep
-    base, joints = measured_base(trial, step), measured_start((still, still), trial, labels, step)
+    joints = measured_start((still, still), trial, labels, free.compiled.opt.timestep)
+    base = measured_base(trial)
     found = []
     for compiled in (free.compiled, hanging):
         data, own = mujoco.MjData(compiled), compiled.actuator_trnid[actuators, 0]
