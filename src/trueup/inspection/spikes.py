@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array, Mask
-from trueup.instant import HARDLY
 from trueup.noise import spread
 from trueup.recording import Recording
 
@@ -18,6 +17,8 @@ _NEAR = 3
 _NEIGHBOURS, _NOISE, _RANGE = 8.0, 12.0, 0.05
 """Times the neighbours' own scatter, times the usual distance from them, and share of the signal's range: only a fault
 exceeds all three."""
+_MANY = 0.02
+"""Share of samples from which on it is the signal that is so."""
 _LISTED = 4
 """Spikes that a sentence names one by one."""
 
@@ -94,7 +95,7 @@ def without_spikes(values: Array) -> tuple[Array, Array]:
     spikes = np.zeros(full.shape, dtype=bool)
     jumping = np.abs(np.diff(full, axis=0)).max(axis=0) > 0.5 * least  # others have none: most logs cost nothing
     spikes[:, jumping] = _far_off(full[:, jumping], least[jumping])
-    spikes &= known & (spikes.mean(axis=0) < HARDLY)  # of more it is the signal that is so
+    spikes &= known & (spikes.mean(axis=0) < _MANY)
     kept[spikes] = np.nan
     return kept, spikes.sum(axis=0).astype(np.float64)
 
