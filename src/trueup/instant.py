@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -87,13 +88,17 @@ def rate_noise(step: float) -> float:
 
 @lru_cache(maxsize=_KEPT)
 def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
-    """The state at `time` by a parabola through positions, and measured velocities of the same labels, around it.
+    """The state at `time` by a parabola or a cubic through positions, and measured velocities of the same labels, around it.
 
-    Long windows average noise, short ones follow the motion: the longest is taken whose estimates lie within two standard
-    errors of those of all shorter ones (O. Lepski, Theory Probab. Appl. 35(3), 1990; A. Goldenshluger and A. Nemirovski,
-    Math. Methods Stat. 6(2), 1997), and of these the last but one, so that noise is more than what bends (P. Hall, Ann.
-    Statist. 20(2), 1992). The shortest is one position and one velocity, where both were measured. A speed that is not seen
-    to differ from zero is zero.
+    Long windows average noise, short ones follow the motion, and so do parabolas and cubics: of all, in the order of how well
+    they know the speed, the last is taken whose estimates lie within two standard errors of those of all before (O. Lepski,
+    Theory Probab. Appl. 35(3), 1990; A. Goldenshluger and A. Nemirovski, Math. Methods Stat. 6(2), 1997), of more the noisier
+    these are, since each may end the search by chance and then costs the more (O. Lepski, E. Mammen, V. Spokoiny, Ann.
+    Statist. 25(3), 1997); and then one of each degree back, so that noise is more than what bends (P. Hall, Ann. Statist.
+    20(2), 1992).
+    At a log's first or last sample, where nothing from the other side averages what bends and motion begins with a kink,
+    parabolas only, and two standard errors. The first is one position and one velocity, where both were measured. A speed
+    that is not seen to differ from zero is zero.
     """
     return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 5).T)
 
@@ -107,50 +112,68 @@ def _state(
         return np.nan, np.nan, np.nan, np.nan, np.nan
     level = float(seen[0] / rows[0, 0])
     seen = seen - level * rows[:, 0]
-    rates = velocity if velocity is not None and label in velocity.labels else None
-    if rates is not None:
-        more = _samples(rates, label, time, 1)
+    paced = velocity is not None and label in velocity.labels
+    if paced:
+        more = _samples(velocity, label, time, 1)
         t, rows, seen = (np.concatenate(pair) for pair in zip((t, rows, seen), more, strict=True))
     order = np.argsort(np.abs(t), kind="stable")
-    states, covariances = _windows(rows[order], seen[order])
+    between = bool(np.any(t < 0.0) and np.any(t > 0.0))
+    degrees = (2, 3) if between else (2,)
+    states, covariances = _windows(rows[order], seen[order], degrees)
     if not len(states):
         return level, 0.0, float(1.0 / rows[0, 0]), np.nan, 0.0
     sd = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    far = STANDARD_ERRORS * sd
+    if between:  # the noisier a window, the rarer it must be that noise alone ends the search there
+        far *= np.sqrt(1.0 + np.log(np.maximum(sd / sd[-1], 1.0)))
     last = 0
-    while last + 1 < len(states) and np.all(
-        np.abs(states[last + 1, :2] - states[: last + 1, :2]) <= STANDARD_ERRORS * sd[: last + 1]
-    ):
+    while last + 1 < len(states) and np.all(np.abs(states[last + 1, :2] - states[: last + 1, :2]) <= far[: last + 1]):
         last += 1
-    last = max(0, last - 1)
+    last = max(0, last - len(degrees))
     (value, speed, acceleration), covariance = states[last], covariances[last]
     if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
         value, speed, acceleration = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0, 0.0
-    acceleration = float(acceleration) if rates is None else 0.0
+    acceleration = 0.0 if paced else float(acceleration)
     return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1]), acceleration
 
 
-def _windows(rows: Array, seen: Array) -> tuple[Array, Array]:
-    """(w, 3) value, speed and acceleration (0: not asked for) by the samples (n, 3), (n,) of each window, the nearest first,
-    and (w, 2, 2) covariances of the first two.
+def _windows(rows: Array, seen: Array, degrees: Sequence[int]) -> tuple[Array, Array]:
+    """(w, 3) value, speed and acceleration by the samples (n, 4), (n,) of each window, the nearest first, and (w, 2, 2)
+    covariances, by polynomials of each degree, in the order of how well they know the speed, the least first.
     """
     normal = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
     slope = np.cumsum(rows * seen[:, None], axis=0)
     places = np.cumsum(rows[:, 0] > 0.0)
-    # A parabola with a degree of freedom left: three positions, and one sample more.
-    first, both = int(np.searchsorted(places, 3)) + 2, int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
-    counts = [first]
-    while counts[-1] < len(rows):
-        counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
-    sizes = [(max(both, 2), 2)] * (both < first) + [(count, 3) for count in counts]
-    sizes = [(count, width) for count, width in sizes if count <= len(rows)]
-    inverses = [np.linalg.inv(normal[count - 1][:width, :width]) for count, width in sizes]
-    states = [inverse @ slope[count - 1][:width] for inverse, (count, width) in zip(inverses, sizes, strict=True)]
-    return np.array([np.append(s, 0.0)[:3] for s in states]), np.array([inverse[:2, :2] for inverse in inverses])
+    both = int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
+    found = [_fitted(normal, slope, 2, [max(both, 2)])]
+    for width in (degree + 1 for degree in degrees):
+        # With a degree of freedom left: as many positions as the polynomial has numbers, and one sample more.
+        counts = [int(np.searchsorted(places, width)) + 2]
+        if len(found) == 1 and both >= counts[0]:
+            found = []
+        while counts[-1] < len(rows):
+            counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
+        found.append(_fitted(normal, slope, width, counts))
+    states, covariances = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    order = np.argsort(-covariances[:, 1, 1], kind="stable")
+    return states[order], covariances[order]
+
+
+def _fitted(normal: Array, slope: Array, width: int, counts: Sequence[int]) -> tuple[Array, Array]:
+    """(w, 3) value, speed and acceleration (0: not asked for) by the first so many of the samples, of which normal equations
+    (n, 4, 4), (n, 4) are summed up, by the first `width` numbers; and (w, 2, 2) covariances of the first two.
+    """
+    counts = [count - 1 for count in counts if count <= len(normal)]
+    states, own, right = np.zeros((len(counts), 3)), normal[counts, :width, :width], slope[counts, :width]
+    scale = 1.0 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))  # powers of milliseconds are of very different size
+    inverse = np.linalg.inv(own * scale[:, :, None] * scale[:, None]) * scale[:, :, None] * scale[:, None]
+    states[:, :width] = np.einsum("wij,wj->wi", inverse, right)[:, :3]
+    return states, inverse[:, :2, :2]
 
 
 def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Array, Array, Array]:
-    """(n,) instants of samples near `time`, from there on; (n, 3) what each is of value, speed and acceleration; (n,) the
-    samples; both in units of their noise.
+    """(n,) instants of samples near `time`, from there on; (n, 4) what each is of value, speed, acceleration and jerk;
+    (n,) the samples; both in units of their noise.
     """
     fewest = 4  # samples of a parabola that has a degree of freedom left
     values, good = channel.column(label), np.arange(*_around(channel.time, time))
@@ -161,7 +184,7 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
     noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
-    rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
+    rows = [one, t, t**2 / 2.0, t**3 / 6.0] if order == 0 else [0.0 * one, one, t, t**2 / 2.0]
     return t, np.stack(rows, axis=1) / noise, values[near] / noise
 
 
