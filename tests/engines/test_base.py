@@ -265,7 +265,8 @@ def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
 
 
 def test_a_recording_replayed_in_windows_is_shown_whole(tmp_path: Path) -> None:
-    ready = prepare(_written(tmp_path), [_squats()], propose=False)
+    weak = _DOG.format(mass=4.0, kp=30.0)  # a model that whole replays lead astray
+    ready = prepare(_written(tmp_path, weak), [_squats()], propose=False)
     (recording,) = ready.recordings
     found = replays(ready.simulator, ready.simulator.parameters.nominal, [], [recording], windows=0.5)
     assert {r.recording for r in found} == {"squats"}
@@ -275,7 +276,7 @@ def test_a_recording_replayed_in_windows_is_shown_whole(tmp_path: Path) -> None:
     whole = replays(ready.simulator, ready.simulator.parameters.nominal, [], [recording], windows=np.inf)
     # Each window begins where the robot was then.
     cut, uncut = (sum(np.abs(r.after - r.measured)[50::50].sum() for r in rows) for rows in (found, whole))
-    assert cut < 0.5 * uncut
+    assert cut < 0.2 * uncut
 
 
 def test_servos_that_legs_lack_carry_the_robot(tmp_path: Path) -> None:
