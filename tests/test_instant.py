@@ -63,6 +63,21 @@ def test_a_swing_is_known_far_better_than_by_a_single_sample() -> None:
     assert inside.speed_sd[0] < 0.25 * edge.speed_sd[0]  # samples on both sides
 
 
+@pytest.mark.parametrize(("motion", "at", "most"), [(swung, 1.0, 0.004), (jerked, 0.01, 0.08), (jerked, 0.2, 0.004)])
+def test_speeds_inside_a_log_are_as_right_as_they_are_said_to_be(
+    motion: Callable[[Array], tuple[Array, Array]], at: float, most: float
+) -> None:
+    place, off = motion(TIME)[0], []
+    for seed in range(60):
+        noisy = place + SIGMA[0] * np.random.default_rng(seed).standard_normal(len(TIME))
+        found = at_instant(Channel("position", ("j",), "rad", TIME, noisy), None, at)
+        error = found.speed[0] - float(motion(np.array(at))[1])
+        off.append([error, error / found.speed_sd[0]])
+    error, errors_in_deviations = np.sqrt(np.mean(np.square(off), axis=0))
+    assert error < most
+    assert errors_in_deviations < 1.5
+
+
 @pytest.mark.parametrize("measured", [False, True])
 def test_steps_that_move_by_the_speed_at_their_end_begin_half_a_step_earlier(measured: bool) -> None:
     """A joint that swings in semi-implicit steps of 10 ms: its positions pass faster than its speeds say."""
