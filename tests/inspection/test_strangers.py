@@ -48,6 +48,13 @@ def test_a_joint_that_may_have_another_name_in_the_model_stays_to_be_asked_about
     assert not notes
 
 
+def test_commands_that_all_have_other_names_stay_to_be_asked_about() -> None:
+    log = _log(["shoulder", "elbow"])
+    log = log.with_channel(log.channel("command").replace(labels=("v_shoulder", "drive_2")))
+    (taken,), _ = without_strangers([log], {"shoulder": "", "elbow": ""})
+    assert taken.channel("command").labels == ("v_shoulder", "drive_2")
+
+
 def test_two_robots_of_which_either_may_be_the_model_are_said() -> None:
     said = several_robots(["left_elbow", "right_elbow", "left_shoulder", "right_shoulder"], _ARM)
     assert "several robots (left_shoulder, right_shoulder)" in said
