@@ -38,6 +38,12 @@ def test_a_gripper_that_the_model_lacks_is_left_out() -> None:
     assert _left(["shoulder", "gripper"])[0] == ("shoulder",)
 
 
+def test_a_drive_of_several_joints_that_it_may_be_is_offered() -> None:
+    _, (note,) = without_strangers([_log(["shoulder", "gripper_width"])], _ARM, ("grip",))
+    assert "if one is theirs, say so in [joints]" in note
+    assert ": grip;" in note
+
+
 def test_where_the_log_has_every_joint_of_the_model_the_rest_is_another_machine() -> None:
     assert _left(["shoulder", "elbow", "conveyor"])[0] == ("shoulder", "elbow")
 

@@ -44,6 +44,11 @@ def without_strangers(
                 f"own are: {', '.join(there)}. Is it of another robot? Else rename them in [joints] of a mapping"
             )
     note = f"not in the model, and left out: {', '.join(gone)}"
+    free = [drive for drive in others if drive not in labels]
+    if free:  # the opening of a gripper has many names
+        note += (
+            f". The log does not name drives of several joints: {', '.join(free)}; if one is theirs, say so in [joints]"
+        )
     return [_without(r, set(gone)) for r in recordings], [note]
 
 
