@@ -50,6 +50,13 @@ def test_a_urdf_without_inertia_gives_motion_but_no_torque(tmp_path: Path) -> No
         tree.weighed()
 
 
+def test_masses_of_zero_are_no_masses(tmp_path: Path) -> None:
+    tree = load_tree(arm(tmp_path, inertial=_INERTIAL.replace("mass value='2'", "mass value='0'")))
+    assert any("mass is 0 in the file: upper, lower" in note for note in tree.notes)
+    with pytest.raises(ModelError, match="no inertia for 2 of 2 links"):
+        tree.weighed()
+
+
 def test_a_floating_base_is_refused_unless_it_is_welded(tmp_path: Path) -> None:
     file = arm(tmp_path, kind="floating")
     with pytest.raises(ModelError, match=r"joint 'shoulder' is 'floating'.*fix_base=True"):
