@@ -108,9 +108,9 @@ class JointLimits:
         if turned.any():
             most = float(np.abs([tree.lower[turned], tree.upper[turned]]).max())
             notes.append(
-                f"ranges that reach {most:.4g} rad, {most / (2.0 * np.pi):.0f} turns, are taken as degrees, as no joint of an "
-                f"arm turns so far: {_listed(tree.joints, turned)}, and their speed limits above {FURTHEST_TURN:.3g} rad/s "
-                "too; write rad into the model, or give lower, upper and speed with --limits"
+                f"ranges that reach {most:.4g} rad, {most / (2.0 * np.pi):.0f} turns, are taken as degrees, as no joint of "
+                f"an arm turns so far: {_listed(tree.joints, turned)}, and their speed limits above {FURTHEST_TURN:.3g} "
+                "rad/s too; write rad into the model, or give lower, upper and speed with --limits"
             )
         if slow.any():
             notes.append(f"no speed limit in the model, taken as 180 deg/s (1 m/s): {_listed(tree.joints, slow)}")
