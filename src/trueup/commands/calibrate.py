@@ -99,6 +99,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code.
     """
+    from trueup.loop.logged_torques import beside_logged
     from trueup.loop.prepare import prepare
 
     training, held_out, found = given(args, told)
@@ -129,7 +130,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print_json(output.outcome_file.read_text(encoding="utf-8"))
     else:
         show_outcome(calibration, console, quiet=args.quiet)
-        notes(console, (*said, *family.advice(simulator, calibration)))
+        beside = beside_logged(
+            simulator, calibration.values, ready.recordings, [r.channel for r in calibration.replays]
+        )
+        notes(console, (*said, *family.advice(simulator, calibration), *beside))
         for k, line in enumerate(ready.usage(calibration, output.model_file)):
             tell(console, ("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}")
         tell(console, "  " + "  ".join(escape(str(f)) for f in files))
