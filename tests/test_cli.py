@@ -385,6 +385,16 @@ def test_inspect_proposes_the_models_joints_by_order_and_calibrate_uses_them(cal
     assert code == 0, said
 
 
+def test_no_two_columns_are_proposed_as_the_same_joint(call: Call) -> None:
+    """Of a joint without a position the name was given to what was measured of another one, so that no reader took it."""
+    renamed("cmd_wrist", "cmd_third")
+    renamed("pos_hinge", "pos_third")
+    code, said = call("inspect", "slow.csv", "--model", "arm.xml")
+    assert code == 0, said
+    code, said = call("inspect", "slow.csv", "--model", "arm.xml")
+    assert code == 0, said
+
+
 def test_what_slides_is_in_metres_where_inspect_knows_the_model(call: Call) -> None:
     Path("arm.xml").write_text(
         Path("arm.xml").read_text().replace('joint name="wrist"', 'joint name="wrist" type="slide"')

@@ -12,6 +12,7 @@ import pytest
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
+from trueup.engines.mujoco.writing.notes import about_masses
 from trueup.errors import ModelError, RecordingError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.checks import check
@@ -329,6 +330,10 @@ def test_commanded_speeds_drive_a_servo_of_speed_whatever_the_file_has(tmp_path:
     gain = next(e.value for e in found.estimates if e.name == "j.gain" or e.name == "m.gain")
     kv = simulator.model.compiled.actuator_gainprm[0, 0] * gain
     assert kv == pytest.approx(4.0, rel=0.05)
+    (note,) = [
+        n for n in about_masses(simulator, found) if "in proportion to the masses" in n
+    ]  # a pendulum's weight alone
+    assert "gain" in note.partition(" are ")[0].split(", ")
 
 
 def test_of_positions_and_speeds_a_servo_of_speed_takes_the_speeds(tmp_path: Path) -> None:

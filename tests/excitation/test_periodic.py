@@ -58,6 +58,18 @@ def slopes_agree(time: Array, values: Array, slopes: Array) -> bool:
     return bool(off < 2e-3 * np.abs(slopes).max())
 
 
+def test_ranges_in_degrees_by_mistake_are_no_turns_that_an_arm_could_make() -> None:
+    """They were taken as rad: an arm that reaches 86 degrees was sent to 149, against its stops."""
+    right = arm()
+    wrong = right.replace(lower=np.degrees(right.lower), upper=np.degrees(right.upper), speed=np.degrees(right.speed))
+    limits = JointLimits.of(wrong)
+    np.testing.assert_allclose(limits.lower, JointLimits.of(right).lower)
+    np.testing.assert_allclose(limits.upper, JointLimits.of(right).upper)
+    np.testing.assert_allclose(limits.speed, JointLimits.of(right).speed)
+    assert any("taken as degrees" in note for note in limits.notes)
+    assert not any("degrees, as" in note for note in JointLimits.of(right).notes)
+
+
 def test_sums_of_sines_keep_range_speed_and_acceleration_whatever_the_genes(limits: JointLimits) -> None:
     kind = Sines(limits, 4)
     genes = np.random.default_rng(0).uniform(size=(30, kind.size))

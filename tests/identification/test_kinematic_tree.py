@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from trueup.errors import ModelError, UnknownNameError
+from trueup.excitation.problem import Asked, excitation_problem
 from trueup.identification.inertial import from_com, from_pseudo_inertia, moved, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import from_dh
 from trueup.identification.model_file import load_tree
@@ -47,6 +48,13 @@ def test_a_urdf_without_inertia_gives_motion_but_no_torque(tmp_path: Path) -> No
     tree = load_tree(arm(tmp_path, inertial=""))
     assert link_poses(tree, np.zeros((1, 2)))[1][0, 1, 0] == pytest.approx(1.0)
     with pytest.raises(ModelError, match=r"no inertia for 2 of 2 links: upper, lower.*<inertial>"):
+        tree.weighed()
+
+
+def test_masses_of_zero_are_no_masses(tmp_path: Path) -> None:
+    tree = load_tree(arm(tmp_path, inertial=_INERTIAL.replace("mass value='2'", "mass value='0'")))
+    assert any("mass is 0 in the file: upper, lower" in note for note in tree.notes)
+    with pytest.raises(ModelError, match="no inertia for 2 of 2 links"):
         tree.weighed()
 
 
@@ -100,6 +108,24 @@ def test_a_body_moved_to_another_frame_is_the_same_body(rng: np.random.Generator
     np.testing.assert_allclose(from_pseudo_inertia(pseudo_inertia(body)), body, atol=1e-12)
     assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0.0
     np.testing.assert_allclose(np.trace(tensor(body)), 2 * np.trace(pseudo_inertia(body)[:3, :3]), atol=1e-12)
+
+
+def test_a_loop_that_an_mjcf_closes_is_told_of_and_no_motion_is_designed_for_it(tmp_path: Path) -> None:
+    """Joints of a five-bar arm were moved one by one, as no such arm can."""
+    bar = '<body name="{0}" pos="{1} 0 0"><joint name="{0}" axis="0 1 0" range="-1 1"/><geom size=".02" pos="0 0 .1"/>'
+    bar += "{2}</body>"
+    left, right = (bar.format(x, at, bar.format(f"{x}2", 0.1, "")) for x, at in (("left", 0), ("right", 0.3)))
+    tie = '<equality><connect body1="left2" body2="right2" anchor=".1 0 .1"/></equality>'
+    for name, tied in (("open", ""), ("closed", tie)):
+        options = '<compiler angle="radian"/>'
+        (tmp_path / f"{name}.xml").write_text(f"<mujoco>{options}<worldbody>{left}{right}</worldbody>{tied}</mujoco>")
+    assert load_tree(tmp_path / "open.xml").loops == ()
+    tree = load_tree(tmp_path / "closed.xml")
+    assert tree.loops == (("left", "left2", "right", "right2"),)
+    assert any("a loop is closed over left" in note for note in tree.notes)
+    excitation_problem(tmp_path / "open.xml", Asked())
+    with pytest.raises(ModelError, match=r"closes a loop over left.*cannot move freely.*--lock"):
+        excitation_problem(tmp_path / "closed.xml", Asked())
 
 
 def test_torque_limits_of_an_mjcf_are_those_of_its_joints_or_drives(tmp_path: Path) -> None:

@@ -38,6 +38,12 @@ def test_a_gripper_that_the_model_lacks_is_left_out() -> None:
     assert _left(["shoulder", "gripper"])[0] == ("shoulder",)
 
 
+def test_a_drive_of_several_joints_that_it_may_be_is_offered() -> None:
+    _, (note,) = without_strangers([_log(["shoulder", "gripper_width"])], _ARM, ("grip",))
+    assert "if one is theirs, say so in [joints]" in note
+    assert ": grip;" in note
+
+
 def test_where_the_log_has_every_joint_of_the_model_the_rest_is_another_machine() -> None:
     assert _left(["shoulder", "elbow", "conveyor"])[0] == ("shoulder", "elbow")
 
@@ -46,6 +52,13 @@ def test_a_joint_that_may_have_another_name_in_the_model_stays_to_be_asked_about
     labels, notes = _left(["shoulder", "elbw"])
     assert labels == ("shoulder", "elbw")
     assert not notes
+
+
+def test_commands_that_all_have_other_names_stay_to_be_asked_about() -> None:
+    log = _log(["shoulder", "elbow"])
+    log = log.with_channel(log.channel("command").replace(labels=("v_shoulder", "drive_2")))
+    (taken,), _ = without_strangers([log], {"shoulder": "", "elbow": ""})
+    assert taken.channel("command").labels == ("v_shoulder", "drive_2")
 
 
 def test_two_robots_of_which_either_may_be_the_model_are_said() -> None:

@@ -13,6 +13,13 @@ from rich.markup import escape
 
 from trueup.calibration import Calibration
 from trueup.campaign.output import Output, fingerprint
+from trueup.commands.between import (
+    INTERPOLATED,
+    add_between,
+    sooner_than_held,
+    what_is_between,
+    with_commands_between,
+)
 from trueup.commands.console import notes, table_of, tell
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
@@ -83,6 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
     add_engine(parser)
     add_refuse(parser)
+    add_between(parser)
     parser.add_argument("--choose", action="store_true",
                         help="before the fit, keep only those parameters on which replays hang and that the recordings "
                              "tell, and say why each was taken or left: for a file that declares much")  # fmt: skip
@@ -101,7 +109,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """
     from trueup.loop.prepare import prepare
 
-    training, held_out, found = given(args, told)
+    training, held_out, found = _given(args, told)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse, engine=args.engine)  # fmt: skip
     ready.check(_channels(args))
@@ -129,11 +137,32 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print_json(output.outcome_file.read_text(encoding="utf-8"))
     else:
         show_outcome(calibration, console, quiet=args.quiet)
-        notes(console, (*said, *family.advice(simulator, calibration)))
+        notes(console, (*said, *family.advice(simulator, calibration), *_afterwards(args, ready, calibration)))
         for k, line in enumerate(ready.usage(calibration, output.model_file)):
             tell(console, ("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}")
         tell(console, "  " + "  ".join(escape(str(f)) for f in files))
     return 0
+
+
+def _given(args: argparse.Namespace, told: Console) -> tuple[list[Recording], list[Recording], list[str]]:
+    """Recordings to fit and to judge by, with what is between the samples of commands, and notes."""
+    training, held_out, found = given(args, told)
+    if args.commands == INTERPOLATED:
+        found = [*found, *what_is_between(training, args.commands, args.step or STEP)]
+    first, second = (with_commands_between(rs, args.commands, args.step or STEP) for rs in (training, held_out))
+    return first, second, list(found)
+
+
+def _afterwards(args: argparse.Namespace, ready: Preparation, calibration: Calibration) -> tuple[str, ...]:
+    """What the recordings say of a calibration beyond what it compared, and of how its commands are to be read."""
+    from trueup.loop.logged_torques import beside_logged
+
+    compared = [r.channel for r in calibration.replays]
+    beside = beside_logged(ready.simulator, calibration.values, ready.recordings, compared)
+    if args.commands == INTERPOLATED:
+        then = "interpolate yours as well, where these lines hold them; trueup replay takes --commands interpolated"
+        return (*beside, f"commands went from one sample to the next: {then}")
+    return (*beside, *sooner_than_held(calibration, ready.recordings, args.step or STEP))
 
 
 def _show_proposal(ready: Preparation, console: Console) -> None:

@@ -49,7 +49,8 @@ def limits_table(problem: ExcitationProblem, outcome: Outcome) -> Table:
         cells = ["/".join(f"{low[k]:.2g}..{high[k]:.2g}" for low, high in spans) + _mark(limits, "lower", k, letters)]
         for name in ("speed", "acceleration", "torque", "peak"):
             limit, value = float(limits.values()[name][k]), used[name][k] if name in used else float("nan")
-            known = f"{_short(value)}/{_short(limit)}{_mark(limits, name, k, letters)}"
+            taken_of = _short(value) if np.isfinite(value) else "?"
+            known = f"{taken_of}/{_short(limit)}{_mark(limits, name, k, letters)}"
             cells.append(known if np.isfinite(limit) else "not known")
         table.add_row(joint, *cells)
     return table

@@ -24,7 +24,7 @@ from trueup.formats.rules.joints import SETTINGS
 from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.alignment import on_other_clocks
-from trueup.inspection.joint_names import match_joints
+from trueup.inspection.joint_names import match_joints, one_each
 from trueup.inspection.sensors import labels_of, sensed
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
@@ -182,13 +182,13 @@ def _renamed(
         return guess, []
     measured = [x for x in labels if any(r.has("position") and x in r.channel("position").labels for r in recordings)]
     parts = [match_joints(part, drives) for part in (measured, [x for x in labels if x not in measured]) if part]
-    names = {label: joint for found, _ in parts for label, joint in found.items()}
+    names = one_each({label: joint for found, _ in parts for label, joint in found.items()}, recordings)
     how = max(how for _, how in parts)  # 'by order' where any is, else 'by name'
     said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
     notes = [f"joints renamed {how}: {said}"] if said else []
     unknown = [label for label in labels if label not in names]
     if unknown:
-        left = [j for j in drives if j not in names.values()]
+        left = [j for j in (*drives, *others) if j not in names.values()]
         notes.append(
             f"no joint of the model was found for {', '.join(unknown)} (left are: {', '.join(left) or 'none'}): "
             "fill in [joints] in the mapping"

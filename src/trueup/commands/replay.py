@@ -16,18 +16,18 @@ from rich.table import Table
 
 from trueup.calibration import Ahead, Replay, by_label, pooled_rmse
 from trueup.campaign.output import free_folder
+from trueup.commands.between import add_between, what_is_between, with_commands_between
 from trueup.commands.console import notes, table_of, tell
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
 from trueup.commands.sources import add_engine, add_refuse, add_shared, given, made_by, refusable, step_of
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.formats.replayed import KINDS, write_replays
-from trueup.instant import usual_step
-from trueup.recording import Recording, is_command
+from trueup.recording import Recording
 from trueup.report import replay_picture
 from trueup.report.numbers import ratio_text, scale_for
 from trueup.report.replay_page import ahead_of, errors_of, scale_of, write_replay_report
-from trueup.trial import STEP, command_of
+from trueup.trial import STEP
 
 if TYPE_CHECKING:
     from trueup.loop.prepare import Comparison
@@ -65,9 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
     add_engine(parser)
     add_refuse(parser)
-    parser.add_argument("--commands", choices=("held", "interpolated"), default="held",
-                        help="between their samples commands are held, as by a bus, or interpolated, as by a controller that "
-                             "goes along a path (default: %(default)s)")  # fmt: skip
+    add_between(parser)
     parser.add_argument("--out", metavar="DIR", help="folder for report.html, a picture of each recording and trajectories; "
                         "the next run takes DIR-2")  # fmt: skip
     parser.add_argument("--trajectories", choices=KINDS, default="csv", metavar="KIND",
@@ -78,7 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Replays, shows a table, writes pictures if asked. Raises TrueupError. Returns the exit code."""
     recordings, _, found = given(args, told)
-    recordings, between = _commanded(recordings, args.commands, args.step or STEP)
+    between = what_is_between(recordings, args.commands, args.step or STEP)
+    recordings = with_commands_between(recordings, args.commands, args.step or STEP)
     compared, taken = _compared(args, recordings)
     missing = tuple(f"not replayed: {why}" for _, why in compared.failed)
     said = (*found, *between, *taken, *missing)
@@ -107,26 +106,6 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     for sentence in missing:
         tell(told, f"[bold red]error[/] {escape(sentence)}")
     return 1 if missing else 0
-
-
-def _commanded(recordings: Sequence[Recording], between: str, step: float) -> tuple[list[Recording], list[str]]:
-    """Recordings with their commands interpolated at each `step` in s where that is asked for, and what is done between."""
-    if between == "held":
-        commands = (c for c in map(command_of, recordings) if c is not None and len(c.time) > 1)
-        slow = [period for c in commands if (period := usual_step(c.time)) > 1.5 * step]
-        if not slow:
-            return list(recordings), []
-        words = f"commands are held for the {1e3 * max(slow):.3g} ms between their samples"
-        return list(recordings), [f"{words} (--commands interpolated: on the way from one to the next)"]
-    fine = []
-    for recording in recordings:
-        channels = dict(recording.channels)
-        for name in (n for n in channels if is_command(n) and len(channels[n].time) > 1):
-            c = channels[name]
-            time = np.append(np.arange(c.time[0], c.time[-1], step), c.time[-1])
-            channels[name] = replace(c, time=time, values=c.at(time))
-        fine.append(recording.replace(channels=channels))
-    return fine, ["commands are interpolated between their samples"]
 
 
 def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Comparison, tuple[str, ...]]:

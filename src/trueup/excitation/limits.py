@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from trueup import files
 from trueup.arrays import Array, Mask
 from trueup.errors import ModelError, unknown_name
 from trueup.typed_toml import build
+from trueup.units import FURTHEST_TURN, hardly_radians
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
@@ -94,19 +96,35 @@ class JointLimits:
             raise ModelError(
                 f"prismatic joint '{_listed(tree.joints, endless & prismatic)}' has no range; the model must give one"
             )
-        lower, upper = np.where(endless, -np.pi, tree.lower), np.where(endless, np.pi, tree.upper)
+        turned = _as_degrees(tree, ~(endless | prismatic))
+        ends = (np.where(turned, np.radians(end), end) for end in (tree.lower, tree.upper))
+        lower, upper = (np.where(endless, end, own) for end, own in zip((-np.pi, np.pi), ends, strict=True))
         slow = ~(np.isfinite(tree.speed) & (np.asarray(tree.speed) > 0))
-        speed = np.where(slow, np.where(prismatic, _PRISMATIC_SPEED, _SPEED), tree.speed)
+        said = np.where(turned & (np.asarray(tree.speed) > FURTHEST_TURN), np.radians(tree.speed), tree.speed)
+        speed = np.where(slow, np.where(prismatic, _PRISMATIC_SPEED, _SPEED), said)
         weak = ~(np.isfinite(tree.effort) & (np.asarray(tree.effort) > 0))
         if endless.any():
             notes.append(f"no range in the model, taken as +-180 deg: {_listed(tree.joints, endless)}")
+        if turned.any():
+            most = float(np.abs([tree.lower[turned], tree.upper[turned]]).max())
+            notes.append(
+                f"ranges that reach {most:.4g} rad, {most / (2.0 * np.pi):.0f} turns, are taken as degrees, as no joint of "
+                f"an arm turns so far: {_listed(tree.joints, turned)}, and their speed limits above {FURTHEST_TURN:.3g} "
+                "rad/s too; write rad into the model, or give lower, upper and speed with --limits"
+            )
         if slow.any():
             notes.append(f"no speed limit in the model, taken as 180 deg/s (1 m/s): {_listed(tree.joints, slow)}")
         if weak.any():
             notes.append(f"no torque limit in the model: {_listed(tree.joints, weak)}")
         notes.append("acceleration limits: top speed in 0.4 s (model files hold none; give your arm's with --limits)")
         torque, every = np.where(weak, np.nan, tree.effort), np.ones_like(weak)
-        unsaid = {"lower": endless, "upper": endless, "speed": slow, "acceleration": every, "torque": weak}
+        unsaid = {
+            "lower": endless | turned,
+            "upper": endless | turned,
+            "speed": slow,
+            "acceleration": every,
+            "torque": weak,
+        }
         sources = {name: tuple("assumed" if x else "model" for x in unknown) for name, unknown in unsaid.items()}
         return cls(tuple(tree.joints), lower, upper, speed, speed / _TO_SPEED, torque, tuple(notes), sources=sources)
 
@@ -161,6 +179,17 @@ class JointLimits:
         """Narrower limits: a share of each range about its middle, a share of the speeds."""
         half = np.maximum(self.half * range_share, 1e-3)
         return replace(self, lower=self.middle - half, upper=self.middle + half, speed=self.speed * speed_share)
+
+
+def _as_degrees(tree: KinematicTree, ranged: Mask) -> Mask:
+    """(n,) whose ranges are degrees by mistake: those that as rad are beyond what turns, and as degrees within it; where most
+    of the joints with a range (n,) are, all of them. What was meant as rad is only narrowed by that.
+    """
+    furthest = np.where(ranged, np.maximum(np.abs(tree.lower), np.abs(tree.upper)), 0.0)
+    beyond = np.array(
+        [hardly_radians(f) and not hardly_radians(math.radians(f)) for f in furthest.tolist()], dtype=bool
+    )
+    return ranged if 2 * np.count_nonzero(beyond) > np.count_nonzero(ranged) else beyond
 
 
 def _listed(names: tuple[str, ...], chosen: Mask) -> str:

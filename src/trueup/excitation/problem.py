@@ -84,6 +84,7 @@ def excitation_problem(
     """
     whole = load_tree(path)
     tree, notes = _arm(whole if asked.gravity is None else whole.replace(gravity=asked.gravity), asked.lock)
+    _refuse_loops(tree)
     limits = JointLimits.of(tree)
     if asked.limits:
         limits = limits.from_file(asked.limits)
@@ -117,6 +118,17 @@ def excitation_problem(
     return ExcitationProblem(
         criterion, feasibility, wish, options, chain, (*notes, *tree.notes, *limits.notes, *said, *more)
     )
+
+
+def _refuse_loops(tree: KinematicTree) -> None:
+    """Raises ModelError where joints that would move are in a loop: no mechanism could follow them one by one."""
+    for loop in tree.loops:
+        moved = [joint for joint in loop if joint in tree.joints]
+        if moved:
+            raise ModelError(
+                f"the model closes a loop over {', '.join(loop)}, so that {', '.join(moved)} cannot move freely: motions are "
+                "designed for arms without loops. Lock them (--lock), or take <connect> and <weld> out where the arm has none"
+            )
 
 
 def _arm(tree: KinematicTree, lock: tuple[str, ...]) -> tuple[KinematicTree, list[str]]:

@@ -59,6 +59,8 @@ class KinematicTree:
     """(n,) of springs at joints, N m/rad (N/m)."""
     slack: Array = field(default_factory=lambda: np.zeros(0))
     """(n,) rad (m) where these pull to neither side."""
+    loops: tuple[tuple[str, ...], ...] = ()
+    """Joints of each loop that the file closes between two bodies, which a tree lacks."""
     notes: tuple[str, ...] = ()
     """What was left out or assumed on reading, in words."""
 
@@ -66,7 +68,7 @@ class KinematicTree:
         """Copies arrays to read-only ones of the right kind. Raises ModelError where shapes disagree."""
         n = len(self.joints)
         shapes = {"axis": (n, 3), "rotation": (n, 3, 3), "offset": (n, 3), "gravity": (3,), "inertial": (n, 10)}
-        for name in (f.name for f in fields(self) if f.name not in ("name", "joints", "links", "notes")):
+        for name in (f.name for f in fields(self) if f.name not in ("name", "joints", "links", "loops", "notes")):
             kind = {"parent": np.int64, "prismatic": np.bool_}.get(name, np.float64)
             values = np.array(getattr(self, name), dtype=kind)
             if name in ("damping", "friction", "stiffness", "slack") and not values.size:

@@ -66,6 +66,13 @@ def _tree(
     effort = np.array([_effort(model, int(j)) for j in ids])
     if model.neq:
         notes = (*notes, f"{model.neq} equality constraints are left out: each joint moves on its own")
+    loops = _loops(model)
+    if loops:
+        closed = "; ".join(", ".join(loop) for loop in loops)
+        notes = (
+            *notes,
+            f"a loop is closed over {closed}: as a tree, what is found of joints that it moves is not theirs alone",
+        )
     return KinematicTree(
         name=name, joints=tuple(model.joint(i).name for i in ids),
         links=tuple(model.body(int(model.jnt_bodyid[i])).name for i in ids),
@@ -73,9 +80,37 @@ def _tree(
         rotation=np.array(rotation), offset=np.array(offset), gravity=np.array(model.opt.gravity),
         lower=bounds[:, 0], upper=bounds[:, 1], speed=np.full(len(ids), np.nan), effort=effort, inertial=np.array(mass),
         armature=model.dof_armature[model.jnt_dofadr[ids]], damping=model.dof_damping[model.jnt_dofadr[ids]],
-        friction=model.dof_frictionloss[model.jnt_dofadr[ids]], stiffness=model.jnt_stiffness[ids],
+        friction=model.dof_frictionloss[model.jnt_dofadr[ids]], loops=loops, stiffness=model.jnt_stiffness[ids],
         slack=model.qpos_spring[model.jnt_qposadr[ids]], notes=notes,
     )  # fmt: skip
+
+
+def _loops(model: mujoco.MjModel) -> tuple[tuple[str, ...], ...]:
+    """Joints between the two bodies of each constraint that holds a point or a body to another (<connect>, <weld>)."""
+    import mujoco
+
+    kinds = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+    found = []
+    for i in range(model.neq):
+        if int(model.eq_type[i]) not in kinds or not model.eq_active0[i]:
+            continue
+        ends = (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+        if int(model.eq_objtype[i]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
+        between = set.symmetric_difference(*(_joints_to(model, body) for body in ends))
+        if between:
+            found.append(tuple(model.joint(j).name for j in sorted(between)))
+    return tuple(found)
+
+
+def _joints_to(model: mujoco.MjModel, body: int) -> set[int]:
+    """The joints between the world and a body."""
+    joints = set[int]()
+    while body > 0:
+        first = int(model.body_jntadr[body])
+        joints |= set(range(first, first + int(model.body_jntnum[body])))
+        body = int(model.body_parentid[body])
+    return joints
 
 
 def _effort(model: mujoco.MjModel, joint: int) -> float:

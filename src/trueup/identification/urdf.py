@@ -112,6 +112,11 @@ def _tree(chain: _Chain, name: str, rotors: Mapping[str, float]) -> KinematicTre
     unweighed = [k for k, mass in zip(chain.links, chain.mass, strict=True) if np.isnan(mass).any()]
     if unweighed:
         chain.notes.append(f"no <inertial> for {', '.join(unweighed)}")
+    light = [k for k, mass in zip(chain.links, chain.mass, strict=True) if mass[0] == 0.0]
+    if light:
+        chain.notes.append(f"links whose mass is 0 in the file: {', '.join(light)}; fill in their <inertial>")
+    if len(light) == len(chain.links):  # it weighs nothing at all
+        chain.mass = [np.full(10, np.nan) for _ in light]
     return KinematicTree(
         name=name, joints=tuple(j.get("name", "") for j in chain.joints), links=tuple(chain.links),
         parent=np.array(chain.parent), prismatic=np.array([j.get("type") == "prismatic" for j in chain.joints]),

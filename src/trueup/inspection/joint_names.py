@@ -41,6 +41,16 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     return {label: found[label] for label in labels if label in found}, how
 
 
+def one_each(names: Mapping[str, str], recordings: Sequence[Recording]) -> dict[str, str]:
+    """The names without those of a joint that another label of the same channel has itself: no channel has a joint twice."""
+    together = [c.labels for r in recordings for c in r.channels.values()]
+    taken = {
+        label for label, joint in names.items()
+        if any(x != label and names.get(x) == joint for labels in together if label in labels for x in labels)
+    }  # fmt: skip
+    return {label: joint for label, joint in names.items() if label == joint or label not in taken}
+
+
 def named_as(
     recordings: Sequence[Recording], drives: Mapping[str, str], others: Sequence[str] = ()
 ) -> tuple[list[Recording], list[str]]:
@@ -60,7 +70,7 @@ def named_as(
         notes += more
     recordings, more = _renamed(recordings, _alike(_labels(recordings, is_command), others), _BY_NAME)
     notes += more
-    known = {*drives, *drives.values(), *others}
+    known = {*drives, *drives.values(), *others, *_labels(recordings, lambda name: name == "position")}
     told = [label for label in _labels(recordings, is_command) if label not in known]
     if told:
         names, how = _followed(recordings, told), "by the motion that follows each command"

@@ -19,18 +19,19 @@ def without_strangers(
     """Recordings without joints that cannot be any of the model's, and a note that names them.
 
     That is where the log has every joint of the model, where a joint is the namesake of one that was found (another
-    arm's), and grippers. Whatever else is not found stays: it may be a joint under another name, which must be said.
+    arm's), and grippers. Whatever else is not found stays: it may be a joint under another name, which must be said. So it
+    may where all positions are found and no command is: what is commanded has names of its own then.
     `drives`: each joint of the model to the name of what drives it, '' where nothing does; `others`: further actuators.
     Raises RecordingError for a recording of which no joint would be left.
     """
-    labels = list(
-        dict.fromkeys(label for r in recordings for c in r.channels.values() if _of_joints(c) for label in c.labels)
-    )
+    commanded, measured = _labels(recordings, commands=True), _labels(recordings, commands=False)
+    labels = list(dict.fromkeys([*measured, *commanded]))
     known = {*drives, *filter(None, drives.values()), *others}
     found = [label for label in labels if label in known]
     complete = all(joint in labels or (drive and drive in labels) for joint, drive in drives.items())
+    unclear = set[str]() if known & set(commanded) else set(commanded) - set(measured)
     gone = [
-        label for label in labels if label not in known and found
+        label for label in labels if label not in known and found and (_GRIPPER.search(label) or label not in unclear)
         and (complete or _GRIPPER.search(label) or any(_namesake(label, joint) for joint in found))
     ]  # fmt: skip
     if not gone:
@@ -43,6 +44,11 @@ def without_strangers(
                 f"own are: {', '.join(there)}. Is it of another robot? Else rename them in [joints] of a mapping"
             )
     note = f"not in the model, and left out: {', '.join(gone)}"
+    free = [drive for drive in others if drive not in labels]
+    if free:  # the opening of a gripper has many names
+        note += (
+            f". The log does not name drives of several joints: {', '.join(free)}; if one is theirs, say so in [joints]"
+        )
     return [_without(r, set(gone)) for r in recordings], [note]
 
 
@@ -56,6 +62,12 @@ def several_robots(labels: Sequence[str], joints: Collection[str]) -> str:
                 "those of the other are left out"
             )
     return ""
+
+
+def _labels(recordings: Sequence[Recording], *, commands: bool) -> list[str]:
+    """Labels of what joints were told, or of what was measured of them, each once."""
+    channels = (c for r in recordings for c in r.channels.values() if _of_joints(c) and is_command(c.name) == commands)
+    return list(dict.fromkeys(label for c in channels for label in c.labels))
 
 
 def _of_joints(channel: Channel) -> bool:

@@ -12,7 +12,7 @@ from trueup.arrays import Array
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import INERTIAL, SOURCES, of_place, sensor_labels
 from trueup.formats.rules.families import Named
-from trueup.formats.rules.names import AXES, TOOLS, words
+from trueup.formats.rules.names import AXES, TOOLS, taken_apart, words
 from trueup.formats.rules.proposal import Proposal, own, threes
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
@@ -44,6 +44,8 @@ EXAMPLES = (
             "command[rad] knee ankle_motor; position[rad] knee ankle; position_motor[] ankle_motor"),
     Example("t,cmd_knee,cmd_ankle_motor,pos_knee,pos_ankle_motor", "0 1 2 1 2|.1 2 3 2 3|.2 1 2 1 2",
             "command[rad] knee ankle_motor; position[rad] knee ankle_motor"),
+    Example("t,lift_cmd_m,wrist_cmd_rad,lift_m,wrist_rad", "0 .1 .2 .1 .2|.1 .2 .3 .2 .3|.2 .1 .2 .1 .2",
+            "command[m,rad] lift wrist; position[m,rad] lift wrist"),
     # What Franka's interface calls its motors' angles, before their springs.
     Example("t,q[0],q[1],q_d[0],q_d[1],theta[0],theta[1]", "0 .1 .2 .1 .2 .1 .1|.1 .2 .3 .2 .3 .2 .3|.2 .1 .2 .1 .2 .2 .2",
             "command[rad] joint_0 joint_1; position[rad] joint_0 joint_1; theta[] 0 1"),
@@ -213,25 +215,40 @@ def _of_a_base(column: Column) -> bool:
     return any(source & plain - OF_ANY_DRIVE for source in SOURCES) and not plain & (TOOLS | OF_ANY_DRIVE - {"robot"})
 
 
-def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Where no word tells a position, columns named as the commands are, but for the word that commands, are positions.
+def with_twins(proposals: Sequence[Proposal], known: Sequence[str] = ()) -> list[Proposal]:
+    """Where no word tells a commanded joint's position, a column named as its command, but for the word that commands and a
+    unit, is that; where positions are called otherwise than commands (hip_cmd beside q1), nothing is.
 
     "joint1" beside "joint1_cmd", where it does not move against it. Where one of them goes along with its command, the names
-    mean what was measured, and one that moves against it was logged with the other sign.
+    mean what was measured, and one that moves against it was logged with the other sign. Where names by themselves mean that,
+    so does that of a joint of the model (`known`) that nothing commands.
     """
+    measured = {p.label for p in proposals if p.role == "position"}
     commands = {p.label: p.column for p in proposals if p.role == "command"}
+    if measured and not measured & commands.keys():
+        return list(proposals)
     twins: dict[int, tuple[str, float]] = {}
     for k, p in enumerate(proposals):
-        reading = joints.read(p.column.parts)
-        label = joints.label_of(reading.label)
-        if p.role or not reading.joint or label not in commands or p.column.width != commands[label].width:
-            continue
-        twins[k] = label, _together(p.column, commands[label])
-    surely = any(together > 0.0 for _, together in twins.values())
+        label = _label_without_unit(p.column)
+        if not p.role and label in commands.keys() - measured and p.column.width == commands[label].width:
+            twins[k] = label, _together(p.column, commands[label])
+    surely = bool(measured) or any(together > 0.0 for _, together in twins.values())
+    if twins and surely:
+        passive = {*known} - measured - commands.keys()
+        bare = {k: _label_without_unit(p.column) for k, p in enumerate(proposals) if not p.role and p.column.width == 1}
+        twins |= {k: (label, 0.0) for k, label in bare.items() if label in passive}
     return [
-        replace(p, role="position", label=twins[k][0]) if k in twins and (surely or twins[k][1] >= 0.0) else p
+        replace(p, role="position", label=twins[k][0], unit=p.unit or p.column.parts.tail)
+        if k in twins and (surely or twins[k][1] >= 0.0) else p
         for k, p in enumerate(proposals)
-    ]
+    ]  # fmt: skip
+
+
+def _label_without_unit(column: Column) -> str:
+    """The joint that a name without a word for its kind is of, "lift" for lift_m; '' where it is no joint's."""
+    name = column.parts
+    reading = joints.read(taken_apart(name.text[: name.spans[name.tail_words.start][1]]) if name.tail_words else name)
+    return joints.label_of(reading.label) if reading.joint else ""
 
 
 def _together(column: Column, command: Column) -> float:

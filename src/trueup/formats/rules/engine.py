@@ -56,7 +56,7 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     parts = drive([c for c in columns if c not in named or not known], clocks.main, vehicle=known is None)
     used = {column for part in parts for column in part.columns}
     left = [c for c in columns if c not in used]
-    proposals = _proposals(left, named, driven=bool(parts), several=len(tables) > 1)
+    proposals = _proposals(left, named, known or (), driven=bool(parts), several=len(tables) > 1)
     groups = _groups(proposals, named, several=len(tables) > 1)
     groups, renamed = with_common_labels(groups)
     channels = {name: _channel(group, clocks) for name, group in groups.items()}
@@ -99,7 +99,7 @@ def _counts_rows(name: str, values: Array) -> bool:
 
 
 def _proposals(
-    columns: Sequence[Column], named: Mapping[Column, Named], *, driven: bool, several: bool
+    columns: Sequence[Column], named: Mapping[Column, Named], known: Sequence[str], *, driven: bool, several: bool
 ) -> list[Proposal]:
     """What each column is taken for; in the log of a vehicle nothing is a joint's position, speed or command."""
     proposals = [_proposal(column, named.get(column), several) for column in columns]
@@ -107,7 +107,7 @@ def _proposals(
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
     proposals = without_other_lists(autopilots.without_guided(proposals, columns))
     proposals = without_places(without_sensors(without_doubles(without_other_signals(proposals, named))))
-    return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
+    return with_twins(proposals, known)
 
 
 def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:

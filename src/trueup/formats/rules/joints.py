@@ -39,6 +39,8 @@ ENCODERS = listed("encoder encoders enc counts ticks")
 """Words of a position where no other word tells a kind."""
 _AMPERES = frozenset(["i"])
 """Words of a current where a unit says so, or a command or measurement."""
+_SPEEDS = frozenset(["v"])
+"""Words of a speed where a unit says so: v_cmd_x [mm/s]."""
 _SHORT = frozenset(["th"])
 """Words of a position that may also be part of a joint's name: theta, or thigh."""
 _OF_A_LOG = frozenset(["sample", "sampling", "frame", "update", "data", "loop", "log"])
@@ -113,7 +115,7 @@ def read(name: Name) -> Reading:
         unit = "N"
     if not kind and (told or not (AXES | {"heading"}) & set(plain[:1])):
         kind, unit, where = _kind_by_unit(name, told=told)
-        said = {"position": ENCODERS, "current": _AMPERES}.get(kind, frozenset())
+        said = {"position": ENCODERS, "current": _AMPERES, "velocity": _SPEEDS}.get(kind, frozenset())
         kinds = [kind if word in said else k for word, k in zip(plain, kinds, strict=True)]
     implied = not kind
     if not kind:

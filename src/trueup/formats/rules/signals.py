@@ -91,6 +91,8 @@ RULES = (
             Example("t,q_1,q_dot_1", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] joint_1; velocity[rad/s] joint_1"),
             Example("t,actual_q_0,actual_qd_0,speed_scaling", "0 .1 1 1|.01 .2 2 1|.02 .3 1 .9",
                     "position[rad] joint_0; velocity[rad/s] joint_0; speed_scaling[] speed_scaling"),
+            Example("t,v_cmd_x [mm/s],v_cmd_y [mm/s],pos_x [mm],pos_y [mm]", "0 1 1 .1 .2|.01 2 2 .2 .3|.02 1 1 .3 .1",
+                    "command_velocity[mm/s] x y; position[mm] x y"),
             Example("t,hip_angle,hip_rate", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] hip; velocity[rad/s] hip"),
             Example("t,hip_pos_rev,hip_vel_rev_s", "0 .1 .2|.1 .2 .3|.2 .3 .1", "position[rev] hip; velocity[rev/s] hip"),
             Example("t,hip_angle_deg,hip_speed_deg_s", "0 1 2|.1 2 3|.2 3 1", "position[deg] hip; velocity[deg/s] hip"),

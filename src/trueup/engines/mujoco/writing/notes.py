@@ -15,6 +15,7 @@ from trueup.engines.mujoco.attributes import is_position_servo
 from trueup.engines.mujoco.base import free_joint, spared
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.wiring import is_speed_servo
 from trueup.noise import spread
 
 DELAY = "actuator.delay"
@@ -23,7 +24,7 @@ _ALIKE, _OTHER_UNIT = 0.05, 2.0
 """Share by which gains that were found may differ from a log's and be the same; times, from which on these are counts of a
 servo's firmware rather than N m/rad: files are seldom wrong by as much in what a robot weighs.
 """
-_RELATIVE = ("kp", "kv", "damping", "friction", "armature")
+_RELATIVE = ("kp", "kv", "gain", "damping", "friction", "armature")
 """Quantities that grow with the masses where nothing tells forces."""
 
 
@@ -181,7 +182,8 @@ def notes_of(simulator: MujocoSimulator, values: Array) -> list[str]:
 def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
     """A note where nothing tells forces: what was found is then in proportion to the masses that the file has."""
     model, forces = simulator.model, ("torque", "N")
-    servos = all(model.is_position_servo(i) for i in range(model.compiled.nactuator))
+    m = model.compiled
+    servos = all(is_position_servo(m, i) or is_speed_servo(m, i) for i in range(m.nactuator))
     seen = {r.channel for r in calibration.replays} | {r.unit for r in calibration.replays}
     kinds = dict.fromkeys(q.kind for q in simulator.quantities if q.kind in _RELATIVE)
     masses = any(q.quantity.family == "body" for q in simulator.quantities)
