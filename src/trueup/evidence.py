@@ -23,6 +23,9 @@ HALVED = 0.5
 """Of an error: what may be left of it where something is said to be wrong, or another, and that is mended in a trial. Chance,
 noise and models of a slightly other form do not halve what they did not cause."""
 
+EXCERPT = 20.0
+"""s of motion that a rough fit looks at: what is wrong in it, parallel or lacking, is so in every motion."""
+
 _LARGE = 2.0
 """Times: larger changes read better as factors than in percent."""
 
