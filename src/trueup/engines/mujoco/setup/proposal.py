@@ -19,7 +19,9 @@ from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.steps import accelerations, profiles
+from trueup.instant import STILL
 from trueup.recording import Recording
+from trueup.samples import MOST
 from trueup.trial import command_of
 
 LOAD = "friction with load"
@@ -30,12 +32,10 @@ FED_FORWARD = "speed fed forward"
 """Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
-_NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
-_MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
 def propose(
@@ -245,7 +245,7 @@ def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: 
         position = recording.channel("position")
         if joint in position.labels:
             ahead = np.abs(command.select([label]).at(position.time, hold=True)[:, 0] - position.column(joint))
-            if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
+            if stiffness * np.nanmax(ahead, initial=0.0) > MOST * limit:
                 return True
     return False
 
@@ -282,6 +282,6 @@ def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, .
             channel = recording.channel("position")
             for label, column in zip(channel.labels, channel.values.T, strict=True):
                 finite = column[np.isfinite(column)]
-                if len(finite) and float(np.ptp(finite)) > _MOVES:
+                if len(finite) and float(np.ptp(finite)) > STILL:
                     moved.add(label)
     return tuple(j for j in model.scalar_joints() if j in moved)
