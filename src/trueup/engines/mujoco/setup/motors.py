@@ -36,8 +36,8 @@ from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.samples import rms
 from trueup.trial import command_of
 
-_HELD = 2.0
-"""Times the largest torque that moved nothing: a joint that stood still has at least that much friction."""
+AT_LEAST = 2.0
+"""Times what a recording shows of a friction or a torque at least, as other things took part in it: where a search begins."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
     columns, extra, window = pushes(parts, dof)
     seen = window > 0.0
     if np.sum(1.0 / window[seen]) < columns.shape[1]:  # stretches as long as speeds are smoothed over; unknowns
-        return Drive(_HELD * float(np.abs(extra).max()))
+        return Drive(AT_LEAST * float(np.abs(extra).max()))
     columns, window = columns[seen], window[seen]
     x, left = _of_a_gain(columns, extra[seen], _rigid(parts, dof)[seen])
     friction, damping, armature = (float(v) for v in x[:3])
@@ -110,7 +110,7 @@ def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
     # a joint that keeps no speed for a sample, and shows no friction by which it slides, gives way to one that holds it
     doubt = _standard_error(columns, left, float(np.sum(1.0 / window)))
     creeps = inertia < damping * max(p.sample for p in parts) and friction < STANDARD_ERRORS * doubt
-    return Drive(_HELD * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
+    return Drive(AT_LEAST * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
 
 
 def _of_a_gain(columns: Array, extra: Array, rigid: Array) -> tuple[Array, Array]:
