@@ -21,6 +21,8 @@ _KEPT = 2**16  # instants that are remembered: minutes cut into thousands of win
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
 
 
+LOOKS = 100
+"""Instants of a run at which something is looked at that costs a simulation: a median is then known to a tenth."""
 CUBIC = 0.08
 """s that a cubic is laid through for speeds and accelerations: five samples of a servo bus at 50 Hz."""
 MOVING = 3.0
@@ -31,7 +33,7 @@ MISSING = 1.75
 """Usual steps: where the next sample comes later than that one is missing: two steps, less what a clock jitters. With 1.5,
 logs of a servo on a busy bus (280 Hz) and of a car at 10 Hz would miss samples which they have."""
 STILL = 0.02
-"""rad (m): a joint that goes less far rests."""
+"""rad (m): a joint that goes less far rests, and so does a base."""
 
 
 @dataclass(frozen=True, eq=False)

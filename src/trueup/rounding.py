@@ -9,6 +9,8 @@ import numpy as np
 
 TINY = float(np.finfo(float).tiny)
 """Keeps quotients and logarithms of nothing finite, and changes nothing else."""
+CERTAIN = -math.log(np.finfo(float).eps)
+"""Log odds: beyond, a chance is 0 or 1 but for rounding."""
 NEGLIGIBLE = 1e-12
 """What is smaller beside one is what rounding leaves of sums: a floor of variances and determinants, a ridge."""
 ROUNDED = 1e-9

@@ -6,12 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from trueup.parameters import Parameter
+from trueup.samples import MOST
 
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
 RULED = 2.0
 """Times its own width from which on an interval owes more to something that was not measured than to what was."""
-_NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Verdict:
 
 def vague(spread: float) -> bool:
     """Whether a standard deviation, as a share of the box, says hardly more than that the value is somewhere in it."""
-    return bool(spread * PRIOR**0.5 > _NARROWED)
+    return bool(spread * PRIOR**0.5 > MOST)
 
 
 def judged(p: Parameter, unit: float, spread: float, value: float, low: float, high: float) -> Verdict:

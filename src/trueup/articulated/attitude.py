@@ -24,7 +24,7 @@ from trueup.formats.rules.bases import OTHERS, SOURCES, TURNS
 from trueup.formats.rules.names import words
 from trueup.inspection.sensors import is_gyro
 from trueup.instant import MOVING
-from trueup.noise import estimate_noise
+from trueup.noise import FEWEST, estimate_noise
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import between, is_unit, unwound
@@ -34,7 +34,6 @@ BEGINNING = 0.1
 """s in which a robot rests that begins at rest."""
 _TURNS = TURNS | {"q"}
 """Names that say by themselves how something was turned."""
-_FEWEST = 5  # samples of a smoothing spline
 _ROUNDS = 3  # of what the accelerometer mends, each of which leaves the cube of the tilt
 
 
@@ -53,7 +52,7 @@ def smoothed_attitude(time: Array, rates: Array, pulls: Array) -> tuple[Array, A
     turns = _turned(time, rates, _upright(up))
     calm = np.var(pulls[rests], axis=0).sum() if rests.any() else 1.0
     weights = np.where(rests, np.var(pulls, axis=0).sum() / max(calm, TINY), 1.0)
-    for _ in range(_ROUNDS if len(time) >= _FEWEST else 0):
+    for _ in range(_ROUNDS if len(time) >= FEWEST else 0):
         up = _in_world(turns, pulls) / GRAVITY
         tilt = np.stack([up[:, 1], -up[:, 0]], axis=1)
         turns = product(quaternions_of_vectors(np.pad(_smooth(time, tilt, weights), ((0, 0), (0, 1)))), turns)

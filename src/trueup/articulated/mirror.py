@@ -15,7 +15,6 @@ import numpy as np
 from trueup.arrays import Array
 
 _AS_GOOD = 0.02  # share of the robot's size by which mirrored joints may miss one another
-_ALONG = 0.98  # cosine: axes that point the same way
 _SIDES = re.compile(
     r"(?i:(^|[_.\-])(left|right|l|r)(?=[_.\-]|$))|(?<=[a-z0-9])(Left|Right|L|R)$|^(left|right|Left|Right|[lrLR](?=[A-Z]))"
 )
@@ -72,9 +71,11 @@ def _pairs(joints: tuple[str, ...], anchors: Array, axes: Array, normal: Array) 
             continue
         apart = np.linalg.norm(anchors - flipped[i], axis=1) / size
         along = axes @ wanted[i]
-        partners = [j for j in np.flatnonzero((apart < _AS_GOOD) & (np.abs(along) > _ALONG)).tolist() if j not in taken]
+        partners = [
+            j for j in np.flatnonzero((apart < _AS_GOOD) & (np.abs(along) > 1.0 - _AS_GOOD)).tolist() if j not in taken
+        ]
         others = [j for j in partners if j != i]
-        sagittal = bool(abs(axes[i] @ normal) > _ALONG)
+        sagittal = bool(abs(axes[i] @ normal) > 1.0 - _AS_GOOD)
         alike = [j for j in others if _bare(joints[j]) == _bare(joint)]
         if others and abs(anchors[i] @ normal) / size > _AS_GOOD / 2:
             j = (alike or others)[0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.arrays import Array
 from trueup.excitation.cell import Cell
 from trueup.excitation.limits import JointLimits
-from trueup.excitation.trajectories import Trajectory
+from trueup.excitation.trajectories import SAMPLED, Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.rounding import NEGLIGIBLE, PRINTED
 from trueup.samples import between, rms
@@ -21,8 +21,6 @@ _STEP = 0.02
 """rad (m): how far no joint moves further from one checked posture to the next."""
 
 
-_COARSE = 200
-"""Samples at which it is seen first whether drives are strong enough."""
 _SLOWER = tuple(2.0 ** (k / 4) for k in range(9))
 
 
@@ -152,7 +150,7 @@ class Feasibility:
 
         As it is, where that does not help.
         """
-        few = motion.thinned(_COARSE)
+        few = motion.thinned(SAMPLED)
         if self._strong(few.slower(_SLOWER[-1])):
             rate = (len(motion.time) - 1) / motion.duration
             for factor in _SLOWER:

@@ -11,6 +11,7 @@ from trueup.excitation.chain import ChainArrays, place, unforced_acceleration
 from trueup.excitation.inverse_kinematics import (
     LEAST_GAIN,
     REACHED,
+    REASONS,
     SINGULAR,
     Equations,
     invert,
@@ -21,7 +22,7 @@ from trueup.excitation.inverse_kinematics import (
 from trueup.excitation.tool_path import Pace, Program, program, slow_down, starts, tool_laws, tool_state
 from trueup.identification.poses import apply, distance, put
 
-NO_MOTION = 4
+NO_MOTION = len(REASONS)
 """How a plan ended when all its moves have no length; the other ends are those of the inverse kinematics."""
 
 

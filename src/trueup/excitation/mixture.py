@@ -22,7 +22,7 @@ from trueup.excitation.design import Step, Told
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier, MotionClass, at_rest
 from trueup.excitation.planner import ViaPoints, joint_moves
-from trueup.excitation.trajectories import RATE, Motions, Trajectory
+from trueup.excitation.trajectories import RATE, SAMPLED, Motions, Trajectory
 from trueup.identification.information import log_determinants
 from trueup.rounding import ROUNDED
 
@@ -44,8 +44,6 @@ _DRAWS = 200
 """Motions of a class that are drawn at most."""
 _BEFORE = 1e-4
 """Of what all drawn motions tell is known before the first, parameter by parameter: a determinant needs full rank."""
-_SAMPLED = 300
-"""Samples of a motion from which it is judged what it tells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +207,6 @@ def _drawn(
 
 def _information(criterion: Criterion, t: Trajectory) -> Array:
     """(c, c) what a trajectory tells of the base parameters, rows over nominal torque, summed over all its samples."""
-    every = max(1, len(t.time) // _SAMPLED)
+    every = max(1, len(t.time) // SAMPLED)
     sampled = (t.q[None, ::every], t.qd[None, ::every], t.qdd[None, ::every])
     return every * criterion.model.information(*sampled, 1.0 / criterion.torque, criterion.independent)[0]

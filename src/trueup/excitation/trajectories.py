@@ -15,6 +15,8 @@ from trueup.rounding import PRINTED, ROUNDED
 
 RATE = 500.0
 """Hz at which trajectories are sampled unless another rate is asked for, as cyclic interfaces of arms take them."""
+SAMPLED = 300
+"""Samples of a motion by which it is judged what it tells, and first whether drives are strong enough."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,6 @@ from trueup.verdicts import PRIOR
 
 UNSEEN = 0.1
 """Standard deviation, as a share of its range, of a parameter that the recordings could not tell."""
-_BOX = 1.0 / PRIOR
-"""Variance of what is anywhere in its range alike: what is believed of parameters before any recording."""
 _BLIND = ("not identified", "no effect")
 
 
@@ -111,7 +109,7 @@ class Belief:
         whole = np.zeros((len(space), len(space)))
         slope = _slopes(space, values)[fitted]
         told = np.asarray(covariance).reshape(len(slope), -1) / np.outer(slope, slope)
-        whole[np.ix_(fitted, fitted)] = told - told @ np.linalg.solve(told + _BOX * np.eye(len(told)), told)
+        whole[np.ix_(fitted, fitted)] = told - told @ np.linalg.solve(told + np.eye(len(told)) / PRIOR, told)
         whole[blind, blind] = UNSEEN**2
         owing = None if nuisance is None else _Owing.of(space, fitted, nuisance)
         return cls(space, np.asarray(values, dtype=np.float64), unsure, whole[np.ix_(unsure, unsure)], owing)
@@ -120,7 +118,7 @@ class Belief:
     def prior(cls, space: ParameterSpace) -> Belief:
         """Before any recording: the nominal values, and each free parameter as unsure as anywhere in its range."""
         unsure = np.flatnonzero(space.free)
-        return cls(space, space.nominal, unsure, _BOX * np.eye(len(unsure)))
+        return cls(space, space.nominal, unsure, np.eye(len(unsure)) / PRIOR)
 
     @classmethod
     def certain(cls, space: ParameterSpace, values: Array) -> Belief:

@@ -18,12 +18,11 @@ from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.segment import Segment, labelled
 from trueup.loop.selection import compared
+from trueup.samples import MOST
 from trueup.verdicts import PRIOR
 
 _STRETCHES = 4 * FEWEST_PARTS
 """A recording is cut into, of which each part has enough (`FEWEST_PARTS`)."""
-_OWES = 2.0
-"""Joints are named that gain no less than this part of what the first of them does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +105,13 @@ def _best_cut(slopes: Array, errors: Array, which: Integers) -> tuple[Evidence, 
 def _named(
     squares: _Squares, cut: int, slopes: Array, errors: Array, which: Integers, names: list[str], labels: Integers
 ) -> list[str]:
-    """The labels that gain most by values of their own before and after, at least one."""
+    """The labels that gain most of what the first of them does by values of their own before and after."""
     every = np.arange(_STRETCHES)
     steps = np.array([squares.settled(every[:cut]), squares.settled(every[cut:])])[(which >= cut).astype(int)]
     left = errors + np.einsum("mn,mn->m", slopes, steps)
     gains = np.bincount(labels, errors**2 - left**2, len(names))
     order = np.argsort(-gains).tolist()
-    return [names[k] for k in order if gains[k] >= gains[order[0]] / _OWES]
+    return [names[k] for k in order if gains[k] >= MOST * gains[order[0]]]
 
 
 def _times(problem: Problem, segment: Segment) -> Array:

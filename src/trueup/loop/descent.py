@@ -27,7 +27,7 @@ Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
 HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
-_SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
+SETTLED = 5e-3  # share of the loss: what gains less is worth no new approximation, step or place
 
 
 @dataclass
@@ -211,7 +211,7 @@ class Descent:
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
                 return self.descend(look)
-            if old - new < _SETTLED * old or (left == 0 and not explained(fine)):
+            if old - new < SETTLED * old or (left == 0 and not explained(fine)):
                 self._slopes = None
                 return search
             begun = self.point

@@ -22,6 +22,7 @@ from trueup.inspection.outstanding import NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG
 from trueup.inspection.repeats import BASE
+from trueup.instant import CUBIC, STILL
 from trueup.loop.problem import Problem
 from trueup.noise import OF_MEDIAN, UNUSUAL
 from trueup.recording import Recording
@@ -30,10 +31,6 @@ from trueup.trial import command_of
 
 _JOINTS = "position"
 """The channel in which it is seen."""
-_SHORT = 0.1 * LONG
-"""s over which speeds of commands are told apart."""
-_LEAST = 1e-3
-"""rad, m or N m that a command goes at least: encoders see less than that, and numbers are written with as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,15 +49,15 @@ class Seen:
     @cached_property
     def asked(self) -> Array:
         """(T, c, 2) how far each command goes within `LONG` before an instant, and how much its speed changes there at most
-        (over `_SHORT`): what a model lacks of gears that twist grows with that.
+        (over `CUBIC`): what a model lacks of gears that twist grows with that.
         """
         command = command_of(self.recording)
         if command is None:
             return np.zeros((len(self.time), 0, 2))
         now, before, long_before = (
-            np.nan_to_num(command.at(self.time - s, hold=True)) for s in (0.0, _SHORT, 2.0 * _SHORT)
+            np.nan_to_num(command.at(self.time - s, hold=True)) for s in (0.0, CUBIC, 2.0 * CUBIC)
         )
-        known = self.time - 2.0 * _SHORT >= self.time[0]  # before the log nobody knows
+        known = self.time - 2.0 * CUBIC >= self.time[0]  # before the log nobody knows
         turns = np.where(known[:, None], np.abs(now - 2.0 * before + long_before), 0.0)
         asked = np.zeros((*now.shape, 2))
         for b, a in enumerate(np.searchsorted(self.time, self.time - LONG)):
@@ -229,7 +226,7 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
 
 def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
     """How many times as much as anywhere else was asked of some joint in a stretch; at least 1."""
-    until = int(np.searchsorted(seen.time, seen.time[last] + LONG + 2.0 * _SHORT, side="right"))
+    until = int(np.searchsorted(seen.time, seen.time[last] + LONG + 2.0 * CUBIC, side="right"))
     rest = [one.asked if one is not seen else np.delete(one.asked, np.s_[first:until], axis=0) for one in every]
     ratios = [1.0]
     for way in range(2):
@@ -240,7 +237,7 @@ def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
             lambda one: one.commands,
         )
         inside = seen.asked[first : last + 1, :, way].max(axis=0)
-        ratios += [float(v) / max(most[label], _LEAST) for label, v in zip(seen.commands, inside, strict=True)]
+        ratios += [float(v) / max(most[label], STILL) for label, v in zip(seen.commands, inside, strict=True)]
     return max(ratios)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.loop.descent import Watch
+from trueup.loop.descent import SETTLED, Watch
 from trueup.loop.problem import Problem
+from trueup.loop.whole_runs import FALLEN
 from trueup.parameters import ParameterSpace
 from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
@@ -22,8 +23,6 @@ FEW = 8  # parameters: so few can be searched widely where slopes end far above 
 EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
 LOOKED_AT = 5  # parameters without much slope, at most: those with the least
 _BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
-_BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
-_BEND = 10.0  # noise units from which losses grow linearly where places far apart are compared: one fall is not all
 
 
 def evolved(
@@ -40,7 +39,7 @@ def evolved(
     while not search.done:
         candidates = search.ask()
         residuals = problem.residuals(space.from_unit(candidates))
-        losses = robust_losses(residuals, _BEND)
+        losses = robust_losses(residuals, FALLEN)
         search.tell(candidates, losses)
         watch.save(EVOLVING, space, search.state())
         k = int(np.nanargmin(losses)) if np.isfinite(losses).any() else 0
@@ -52,7 +51,7 @@ def anywhere(problem: Problem, space: ParameterSpace, last: LeastSquares, watch:
     """A better point wherever it is, if there is one: a foot that sticks has no slope towards the friction it slides with."""
     point = evolved(problem, space, last.point, watch, seed, short=True)
     there, here = losses_at(problem, space, np.stack([point, last.point]))
-    return point if there < _BETTER * here else None
+    return point if there < (1.0 - SETTLED) * here else None
 
 
 def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, first: Problem) -> Array | None:
@@ -71,14 +70,14 @@ def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     blind = weakest[(effect < (4.0 if few else 1.0) * _BLIND)[weakest] | bound[weakest]]
     if not len(blind):
         return None
-    here = float(robust_losses(last.residual[None], _BEND)[0])
+    here = float(robust_losses(last.residual[None], FALLEN)[0])
     if _simulated(first) > 0.5 * _simulated(problem):
         point, loss = _along(problem, space, last.point, blind)
-        return point if loss < _BETTER * here else None
+        return point if loss < (1.0 - SETTLED) * here else None
     point, loss = _along(first, space, last.point, blind)
-    if loss >= _BETTER * losses_at(first, space, last.point[None])[0]:
+    if loss >= (1.0 - SETTLED) * losses_at(first, space, last.point[None])[0]:
         return None
-    return point if losses_at(problem, space, point[None])[0] < _BETTER * here else None
+    return point if losses_at(problem, space, point[None])[0] < (1.0 - SETTLED) * here else None
 
 
 def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArray[np.intp]) -> tuple[Array, float]:
@@ -102,7 +101,7 @@ def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArr
 
 def losses_at(problem: Problem, space: ParameterSpace, points: Array) -> Array:
     """(b,) what points in the unit box cost; inf where the simulation fails."""
-    losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
+    losses = robust_losses(problem.residuals(space.from_unit(points)), FALLEN)
     return np.where(np.isfinite(losses), losses, np.inf)
 
 

@@ -20,9 +20,8 @@ from trueup.loop.selection import Choice
 from trueup.loop.ties import STEP, Considered
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.samples import MOST
 from trueup.verdicts import RULED
-
-_LOOSE = 0.5  # share of a value beyond which half of its interval is no knowledge of it
 
 
 def estimated(
@@ -75,7 +74,7 @@ def with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> tu
             if e.verdict in ("identified", "weak") and abs(value - e.value) > SAME * abs(e.value):
                 wide = replace(wide, verdict="effective", note=f"replays best, yet with {lacking.name} it would be "
                                f"{value:.4g} [{low:.4g}, {high:.4g}] {e.unit}".rstrip())  # fmt: skip
-            elif e.verdict == "identified" and wide.high - wide.low > 2.0 * _LOOSE * abs(e.value):
+            elif e.verdict == "identified" and wide.high - wide.low > 2.0 * MOST * abs(e.value):
                 wide = replace(wide, verdict="weak", note=f"known roughly only: the model lacks {lacking.name}")
             e = wide
         rows.append(e)

@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array, Mask
 from trueup.errors import CalibrationError
+from trueup.evidence import EXCERPT
 from trueup.inspection.outstanding import NAME
 from trueup.loop.alike import all_alike
 from trueup.loop.apart import GLANCE
@@ -62,7 +63,7 @@ __all__ = [
 ]
 
 
-_SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
+_SHORT = (GLANCE, EXCERPT)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
 
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)

@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 from trueup.loop.apart import apart
-from trueup.loop.descent import Descent, Look
+from trueup.loop.descent import SETTLED, Descent, Look
 from trueup.loop.stages import Run
 from trueup.loop.structures import Settle, grown, still_needed
-
-_SETTLED = 1e-2  # share of the loss: a step that gains less changes no verdict on a structure
 
 
 def growth_apart(run: Run) -> None:
@@ -19,7 +17,7 @@ def growth_apart(run: Run) -> None:
     look = Look("growth", part, part, 2.0, 10)
 
     def settle(descent: Descent) -> None:  # what signals share stays: without contact it holds the scale of torque
-        descent.point = apart(part, descent.space, [descent.point], descent.robust, _SETTLED)
+        descent.point = apart(part, descent.space, [descent.point], descent.robust, SETTLED)
         descent.stay(look)
 
     run.descent.stay(look)

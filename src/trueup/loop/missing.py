@@ -18,7 +18,7 @@ from trueup.arrays import Array
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
-from trueup.evidence import HALVED, Evidence, explained
+from trueup.evidence import EXCERPT, HALVED, Evidence, explained
 from trueup.loop.descent import Fit, Watch
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
@@ -26,7 +26,6 @@ from trueup.loop.problem import WORTH, Problem
 from trueup.loop.scans import Look, Scan
 from trueup.loop.selection import compared
 from trueup.loop.since import Known, since
-from trueup.loop.ties import EXCERPT
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array
-
-_SURE = 60.0  # |theta| at which a Mallows model is certain of its order
+from trueup.rounding import CERTAIN
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def _chances(n: int, theta: float) -> Array:
 
 def _theta(n: int, discordant: int, tail: float, *, at_most: bool) -> float:
     """The theta under which as few (`at_most`) or as many discordant pairs have chance `tail`; by bisection."""
-    low, high = -_SURE, _SURE
+    low, high = -CERTAIN, CERTAIN
     for _ in range(80):
         middle = 0.5 * (low + high)
         chances = _chances(n, middle)

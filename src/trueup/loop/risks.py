@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.rounding import CERTAIN
 
-_LARGEST = 30.0  # of a log odds: beyond, a share is 0 or 1 in double precision all the same
 _ROUNDS, _STILL = 60, 1e-6  # of Newton's method, and a step that is none
 
 
@@ -49,13 +49,13 @@ class Risks:
         ways, count = prior.mean.shape
 
         def height(at: Array) -> float:
-            logs = np.clip(x @ at.T, -_LARGEST, _LARGEST)
+            logs = np.clip(x @ at.T, -CERTAIN, CERTAIN)
             far = np.sum(((at - prior.mean) / prior.deviation) ** 2)
             return float(np.sum(y * logs) - n @ np.log1p(np.exp(logs).sum(axis=1)) - 0.5 * far)
 
         at, covariance = prior.mean.copy(), np.diag(prior.deviation.ravel() ** 2)
         for _ in range(_ROUNDS):
-            shares = _shares(np.clip(x @ at.T, -_LARGEST, _LARGEST))
+            shares = _shares(np.clip(x @ at.T, -CERTAIN, CERTAIN))
             slope = (y - n[:, None] * shares).T @ x - (at - prior.mean) / prior.deviation**2
             curve = np.diag(1.0 / prior.deviation.ravel() ** 2)
             for i in range(ways):
@@ -73,13 +73,13 @@ class Risks:
 
     def shares(self, asked: Array) -> Array:
         """(b, w) in which runs end so, for rows (b, c), with the likeliest coefficients."""
-        return _shares(np.clip(asked @ self.coefficients.T, -_LARGEST, _LARGEST))
+        return _shares(np.clip(asked @ self.coefficients.T, -CERTAIN, CERTAIN))
 
     def drawn(self, asked: Array, draws: int, rng: np.random.Generator) -> Array:
         """(draws, b, w) of `shares`, each with coefficients from the posterior."""
         noise = rng.standard_normal((draws, self.coefficients.size)) @ np.linalg.cholesky(self.covariance).T
         each = (self.coefficients.ravel() + noise).reshape(draws, *self.coefficients.shape)
-        return _shares(np.clip(np.einsum("dwc,bc->dbw", each, asked), -_LARGEST, _LARGEST))
+        return _shares(np.clip(np.einsum("dwc,bc->dbw", each, asked), -CERTAIN, CERTAIN))
 
     def learned(self, asked: Array, about: Array, weights: Array, runs: float = 1.0) -> Array:
         """(b,) by how much the variance of the share that ends early in any way, at rows `about` (k, c), is expected to fall.

@@ -15,14 +15,13 @@ import numpy as np
 
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator
-from trueup.evidence import explained, together
+from trueup.evidence import EXCERPT, explained, together
 from trueup.loop.descent import Fit
 from trueup.loop.earlier import Earlier
 from trueup.loop.problem import Problem
 from trueup.loop.scans import Look, Scan
 from trueup.loop.segment import places
 from trueup.loop.selection import compared
-from trueup.loop.ties import EXCERPT
 from trueup.loop.validate import block_errors, by_stretch
 from trueup.parameters import ParameterSpace
 

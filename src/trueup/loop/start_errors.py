@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.pose import AXES, POSITION
-from trueup.instant import at_instant
+from trueup.instant import LOOKS, at_instant
 from trueup.loop.condensing import cut
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import SHORTEST
@@ -19,8 +19,6 @@ from trueup.noise import OF_MEDIAN
 from trueup.reckoned import RATE_OF, RECKONED, reckoned_as, reckoned_of
 from trueup.recording import Recording
 from trueup.trial import Observed, Trial
-
-_LOOKS = 100  # instants of a run at which starts are looked at: their median is then known to a tenth
 
 
 def with_start_errors(problem: Problem, values: Array) -> Problem:
@@ -79,14 +77,14 @@ def _errors(problem: Problem, values: Array) -> Iterator[tuple[str, Array]]:
         for name in gone & seen.channels.keys():
             own, rates = again.channel(name), again.channels.get(name + RATE_OF)
             first, last = own.time[[0, -1]]
-            looks = np.array([0.5 * (first + last)]) if brief else np.linspace(first, last, _LOOKS)
+            looks = np.array([0.5 * (first + last)]) if brief else np.linspace(first, last, LOOKS)
             pairs = [(at_instant(own, rates, t), at_instant(seen.channel(name), None, t)) for t in looks.tolist()]
             yield name, np.array([[a.value - b.value for a, b in pairs], [a.speed - b.speed for a, b in pairs]])
 
 
 def _brief(trial: Trial) -> list[Trial]:
     """Parts of a trial, at whose middles a start has shown its effect, and a robot that is told torques still stands."""
-    begins = trial.start + np.linspace(0.0, max(trial.duration - 2.0 * SHORTEST, 0.0), _LOOKS)
+    begins = trial.start + np.linspace(0.0, max(trial.duration - 2.0 * SHORTEST, 0.0), LOOKS)
     return [cut(trial, begin, 2.0 * SHORTEST) for begin in begins.tolist()]
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95, Estimate, Nuisance
 from trueup.engines.simulator import related_of
+from trueup.evidence import EXCERPT
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.parameters import Parameter
@@ -26,7 +27,6 @@ from trueup.search.robust import robust_weights
 from trueup.verdicts import PRIOR, vague
 
 _STEP = 1e-3  # share of its value or range by which a quantity is moved
-EXCERPT = 20.0  # s of motion: what is parallel, or lacking, is so in every motion
 STEP = "step of the simulation"
 
 

@@ -17,11 +17,10 @@ from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import FORETOLD, INEXACT
 from trueup.recording import PART_OF, Recording, is_command
-from trueup.search.bounded_step import damped_step, gain
+from trueup.search.bounded_step import SHORTENED, damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.verdicts import PRIOR
 
-_SHARES = (1.0, 0.25, 0.0625)  # of a step, tried in turn
 _STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn
 _RIDGE = 1e-2  # share of what all recordings tell that holds what only the part left out has seen
 
@@ -135,7 +134,7 @@ def backtracked(
     begun = problem.residuals(fit.space.from_unit(start[None]))[0]
     points, residuals = np.tile(start, (len(blocks), 1)), np.tile(begun, (len(blocks), 1))
     left = list(range(len(blocks)))
-    for share in _SHARES:
+    for share in SHORTENED:
         tried = np.clip(start + share * steps[left], 0.0, 1.0)
         came = problem.residuals(fit.space.from_unit(tried)) if left else residuals[:0]
         lower = [_lower(row, begun, blocks[b], fit.bend) for b, row in zip(left, came, strict=True)]

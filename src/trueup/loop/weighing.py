@@ -17,20 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.loop.probe import REACH
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.shooting import multiple_shooting
 from trueup.loop.stages import Run
 from trueup.loop.windows import OFF, carried
 from trueup.parameters import ParameterSpace
-from trueup.search.bounded_step import damped_step
+from trueup.search.bounded_step import SHORTENED, damped_step
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.verdicts import PRIOR
 
-_WIDE = 3.0
-"""Standard deviations to either side."""
-_SHARES = (1.0, 0.5, 0.25)
-"""Of a step that are tried until one is no worse than what was found around the place before."""
 _TOGETHER, _MOST = 3, 18
 """Rounds whose means are compared, and are averaged once they fall no further; and rounds at most."""
 
@@ -86,9 +83,9 @@ def curvature_of(slopes: Array, weights: Array) -> Array:
 
 
 def axes_of(curvature: Array) -> Array:
-    """(n, n) principal axes of what a curvature leaves open, as columns `_WIDE` standard deviations long; `OFF` at most."""
+    """(n, n) principal axes of what a curvature leaves open, as columns `REACH` standard deviations long; `OFF` at most."""
     sizes, axes = np.linalg.eigh(curvature)
-    return axes * np.minimum(_WIDE / np.sqrt(sizes), OFF)
+    return axes * np.minimum(REACH / np.sqrt(sizes), OFF)
 
 
 def design(count: int, rng: np.random.Generator) -> Array:
@@ -126,7 +123,7 @@ class _Place:
         were. None if none of these is: slopes tell no more.
         """
         step = weighed.step() - self.unit
-        for share in _SHARES:
+        for share in SHORTENED:
             there = self.moved(space, self.unit + share * step, bend)
             if there.loss <= weighed.loss:
                 return there

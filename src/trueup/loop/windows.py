@@ -17,6 +17,7 @@ from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT, TINY
+from trueup.samples import MOST
 from trueup.trial import Trial
 
 GROWN = 5.0
@@ -31,10 +32,6 @@ SKILLED = 1.0 / 3.0
 second at a time; calibrated in windows of 1, 1.1, 1.8 s: 52, 52, 99; in 2.4, 3.2, 4.8 s, by slopes: 64, 160, 248.
 """
 
-_BENT = 0.5
-"""Of what changes with parameters: a part that does not turn round with them. Beyond it slopes at one end of the change lead
-the other way.
-"""
 OFF = 0.03
 """Of their boxes, by which parameters are changed for that: gains by a quarter, as files are often off."""
 
@@ -105,7 +102,7 @@ def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[
         both.append(np.sum(seen, axis=0))
     if not len(time) or not np.isfinite(both).all() or not np.any(both[1]):
         return np.zeros(0), np.zeros(0)
-    bent = 0.5 * np.log(np.maximum(both[0], TINY) / np.maximum(_BENT**2 * both[1], TINY))
+    bent = 0.5 * np.log(np.maximum(both[0], TINY) / np.maximum(MOST**2 * both[1], TINY))
     return time - problem.trials[trial].start, bent
 
 

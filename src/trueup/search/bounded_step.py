@@ -11,6 +11,8 @@ from trueup.arrays import Array
 from trueup.noise import spread
 from trueup.rounding import NEGLIGIBLE, ROUNDED, TINY
 
+SHORTENED = (1.0, 0.5, 0.25)
+"""Shares of a step that are tried in turn, where slopes may reach less far than it goes."""
 _MOST_SHRINK = 5.0
 
 

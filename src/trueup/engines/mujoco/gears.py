@@ -16,7 +16,7 @@ SECOND = {"slack": SLACK, "gear": "/gear"}
 SECOND_OF = {"backlash": SLACK, "gear_backlash": SECOND["gear"], "gear_compliance": SECOND["gear"]}
 """The same, by the joint's attribute that is kept there."""
 _LAG = 1e-3  # s: damping over stiffness of a gear that twists
-_OWN = 0.05  # share of the link's inertia that a gear has itself, so that a drive without a rotor can be stepped
+OWN = 0.05  # share of what it moves that a drive has of inertia itself, where a file has no rotor, so that it can be stepped
 
 
 def add_second(spec: mujoco.MjSpec, name: str, kind: str, inertia: float) -> None:
@@ -30,7 +30,7 @@ def add_second(spec: mujoco.MjSpec, name: str, kind: str, inertia: float) -> Non
     if kind == "gear":
         rate = 1.0 / spec.option.timestep
         gap.solref_limit, gap.solimp_limit = [-(rate**2), -_LAG * rate**2], [0.02, 0.02, 1e-4, 0.5, 2.0]
-        gap.damping, gap.armature = [0.0, 0.0, 0.0], _OWN * inertia
+        gap.damping, gap.armature = [0.0, 0.0, 0.0], OWN * inertia
         return
     # The gap is small and the ends are gear teeth: contact within two steps, nearly rigid.
     gap.solref_limit = [max(2.0 * spec.option.timestep, 0.004), 1.0]

@@ -14,6 +14,7 @@ from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.inspection.relations import nearest
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
@@ -30,9 +31,6 @@ _WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s
 """In which wheels are told a speed: the unit in SI, and the factor to it."""
 _OTHER_SPEEDS = ("km/h", "mph", "cm/s", "mm/s")
 """In which logs have speeds beside m/s."""
-_NEAR = float(np.log(1.25))
-"""Of a robot's way over what its wheels would roll: slip, worn tyres and a soft controller make no more."""
-_GRID = 0.01  # s
 
 
 def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicle, tuple[str, ...]]:
@@ -111,13 +109,13 @@ def _unit_of_wheels(car: Vehicle, wheels: Wheels, recordings: Sequence[Recording
     told = driven = 0.0
     for recording in recordings:
         clean = cleaned(recording, full=(1.0, 1.0), wheelbase=0.0, headings=car.headings)
-        past = Past.of(Trial.of(clean, ["position", "heading"]), _GRID, COMMAND)
+        past = Past.of(Trial.of(clean, ["position", "heading"]), usual_step(clean.channel("position").time), COMMAND)
         told += float(np.abs(past.commands[past.known, 0]).sum())
         driven += float(np.abs(past.seen[past.known, 3]).sum())
     ways = {u: factor * wheels.way(si) for u, (si, factor) in _WHEEL_UNITS.items()}
     off = {u: abs(np.log(driven / told / way)) for u, way in ways.items() if way > 0.0 and told > 0.0 < driven}
     best = min(off, key=lambda u: off[u], default="")
-    return best if best and off[best] < _NEAR else ""
+    return best if best and off[best] < np.log(AS_FAR) else ""
 
 
 def _told_by(car: Vehicle, recordings: Sequence[Recording]) -> Vehicle:

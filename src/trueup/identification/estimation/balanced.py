@@ -24,8 +24,6 @@ from trueup.rounding import NEGLIGIBLE, PRINTED, ROUNDED
 
 _CHANCE = 0.05
 """Of a spring that is none: one in twenty for all joints together (Bonferroni)."""
-_TIMES = 1000.0
-"""Beyond which nobody asks how far a file's masses are off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +116,7 @@ class _File:
         rest = len(self.difference) - rank
         if rest < 1 or rank < np.linalg.matrix_rank(Z[:, 2:], tol=PRINTED) + 2:
             return None
-        low, high, least = ROUNDED, _TIMES, float(chdtri(rest, 1.0 - 0.5 * _CHANCE))
+        low, high, least = ROUNDED, 1.0 / ROUNDED, float(chdtri(rest, 1.0 - 0.5 * _CHANCE))
         while high > (1.0 + 0.1) * low:
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if self._solved(Z, middle)[2] > least else (low, middle)

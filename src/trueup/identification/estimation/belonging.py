@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import listed
 from trueup.evidence import half_interval, jackknife, without_each
-from trueup.identification.estimation.blocks import numbered
+from trueup.identification.estimation.blocks import FINER, numbered
 from trueup.identification.estimation.diagnosis import POOR, Suspicion
 from trueup.identification.estimation.moments import Moments, moments_of, solve
 from trueup.identification.estimation.selection import TIME_BLOCKS
@@ -22,8 +22,6 @@ from trueup.samples import stretches_of
 
 _NONE = np.zeros(0, dtype=np.int64)
 _ADVICE = "Identify recordings with one load together, and others by themselves"
-_FINER = 4
-"""Times as many blocks: where a load is taken up a block has it in part, and those must be few."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +89,7 @@ def strangers(
     out = _apart(blocks)
     if not out:
         one = _one_laden(names, blocks, body, link, weighed=weighed)
-        return one or _in_between(names, replace(blocks, count=_FINER * TIME_BLOCKS), body, link, weighed=weighed)
+        return one or _in_between(names, replace(blocks, count=FINER * TIME_BLOCKS), body, link, weighed=weighed)
     blamed = _to_blame(blocks, out)
     loads = (
         _with_load(names, blocks, k, body, link, weighed=weighed) for k in dict.fromkeys((tuple(out), tuple(blamed)))
@@ -182,7 +180,7 @@ def _in_between(names: Sequence[str], blocks: _Blocks, body: Integers, link: str
     """What to say of a load that was taken up and put down within recordings; nothing where it does not explain much."""
     everything = np.ones(len(blocks.owner), dtype=bool)
     moments, at = blocks.moments(range(len(blocks.parts)), body), len(blocks.active)
-    laden = min((_sorted(blocks, moments, k) for k in range(0, len(everything), _FINER)), key=lambda each: each[0])[1]
+    laden = min((_sorted(blocks, moments, k) for k in range(0, len(everything), FINER)), key=lambda each: each[0])[1]
     before = blocks.foretold(blocks.plain, everything)[0]
     after, each = blocks.foretold(_only_in(moments, at, laden), everything)
     if laden.all() or not all(

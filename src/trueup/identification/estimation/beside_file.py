@@ -19,19 +19,11 @@ from trueup.identification.estimation.pool import BASIC
 from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import inverse_dynamics
+from trueup.instant import HARDLY
 from trueup.rounding import TINY
-from trueup.samples import rms
+from trueup.samples import MOST, rms
+from trueup.units import AS_FAR
 
-_SEEN = 0.1
-"""Of a joint's torque that its links are to make, by the file or by the logs: below it friction decides what they seem to."""
-_LIGHT = 0.5
-"""Of what inertia comes to, times the file: files err in weight and inertia alike, as both follow from the same masses
-(UR10: weight 0.9 to 1.1 times the file's, inertia 1.0 to 1.3 times; Panda: 0.64 to 0.92, 0.25 to 0.77).
-"""
-_APART = 3.0
-"""Times what the file says, or as small a share of it: half an order of magnitude. Loads that files lack and masses that were
-guessed come to less; gears and units that are mistaken, to more.
-"""
 _WEIGHT, _INERTIA, _LINKS = range(3)
 
 
@@ -46,8 +38,8 @@ class _Beside:
     """(3,) what the file says of each, as a share of the joint's torque."""
 
     def seen(self, what: int) -> bool:
-        """Whether it makes a part of the torque that counts."""
-        return bool(self.sizes[what] * max(1.0, abs(self.values[what])) > _SEEN)
+        """Whether it makes a part of the torque that counts, by file or logs: of less friction decides what it seems."""
+        return bool(self.sizes[what] * max(1.0, abs(self.values[what])) > HARDLY)
 
     def surely(self, combination: Sequence[float], beyond: float = 0.0) -> bool:
         """Whether this combination of the three is above a number."""
@@ -56,19 +48,23 @@ class _Beside:
 
     @property
     def weightless(self) -> bool | None:
-        """Whether the weight is much less than inertia lets expect, or turned round; None where neither is certain."""
+        """Whether most of the weight is missing that inertia lets expect, or turned round; None where neither is certain.
+
+        Files err in weight and inertia alike, as both follow from the same masses (UR10: weight 0.9 to 1.1 times the file's,
+        inertia 1.0 to 1.3 times; Panda: 0.64 to 0.92, 0.25 to 0.77).
+        """
         if not self.seen(_WEIGHT):
             return None
         if self.seen(_INERTIA) and self.surely((0.0, 1.0, 0.0)):
-            light, there = self.surely((-1.0, _LIGHT, 0.0)), self.surely((1.0, -_LIGHT, 0.0))
+            light, there = self.surely((-1.0, MOST, 0.0)), self.surely((1.0, -MOST, 0.0))
         else:  # small weight may be small torque, too
-            light, there = self.surely((-1.0, 0.0, 0.0)), self.surely((1.0, 0.0, 0.0), _LIGHT)
+            light, there = self.surely((-1.0, 0.0, 0.0)), self.surely((1.0, 0.0, 0.0), MOST)
         return light if light or there else None
 
     @property
     def apart(self) -> bool:
         """Whether the links take much more, or much less, than the file says."""
-        beyond = self.surely((0.0, 0.0, 1.0), _APART) or self.surely((0.0, 0.0, -1.0), -1.0 / _APART)
+        beyond = self.surely((0.0, 0.0, 1.0), AS_FAR) or self.surely((0.0, 0.0, -1.0), -1.0 / AS_FAR)
         return self.seen(_LINKS) and beyond
 
 
@@ -97,7 +93,7 @@ def beside_file(logs: Sequence[Log], tree: KinematicTree) -> list[str]:
 
 
 def _weightless(light: dict[str, _Beside], tree: KinematicTree) -> str:
-    down = all(x.values[_WEIGHT] < -_LIGHT for x in light.values())
+    down = all(x.values[_WEIGHT] < -MOST for x in light.values())
     x, y, z = (-float(g) + 0.0 for g in tree.gravity)
     way = (
         f"the arm seems to hang upside down: identify with --gravity {x:g} {y:g} {z:g}"

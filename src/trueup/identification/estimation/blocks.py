@@ -18,8 +18,8 @@ from trueup.identification.rows import Rows
 from trueup.rounding import TINY
 from trueup.samples import between
 
-_STRETCHES = 4
-"""In a block; each may repeat another."""
+FINER = 4
+"""Stretches of a block, where what matters may hold of a part of it: a motion that repeats another, a load taken up."""
 _SAME = 0.1
 """Of the root mean square size of its motion: a stretch that is off another by less repeats it. Repeats of simulated and real
 arms are within 0.02, chance leaves 0.5 or more."""
@@ -36,7 +36,7 @@ def numbered(rows: Sequence[Rows], count: int, positions: Sequence[Array] = ()) 
     gives little away, repeats count as motion of their own.
     """
     spans = np.array([float(r.time[-1] - r.time[0]) for r in rows])
-    cuts = [_STRETCHES * max(1, round(count * float(s) / max(float(spans.sum()), TINY))) for s in spans]
+    cuts = [FINER * max(1, round(count * float(s) / max(float(spans.sum()), TINY))) for s in spans]
     edges = [np.linspace(r.time[0], r.time[-1], k + 1) for r, k in zip(rows, cuts, strict=True)]
     again = _repeats(rows, edges, positions) if positions else {}
     if len(again) * FEWEST_PARTS < sum(cuts) or sum(cuts) - len(again) < FEWEST_PARTS:

@@ -17,8 +17,6 @@ from trueup.rounding import NEGLIGIBLE, PRINTED, ROUNDED
 
 _MARGIN = 1e-4
 """The least second moment, as a share of a link's natural size: simulators want inertias above zero."""
-_BOUNDARY = 10.0
-"""Times the margin below which a link counts as on the boundary."""
 _THIN = 0.01
 """The least second moment of a link in the model file, likewise: files give bodies without extent."""
 PULL = 1e-4
@@ -220,9 +218,9 @@ class _Barrier:
         return x
 
     def boundary(self, x: Array) -> list[int]:
-        """Links (indices) close to what is impossible."""
+        """Links (indices) that are no further from their margin than the margin is from what is impossible."""
         inner = self._inner(x) / np.sqrt(np.einsum("jaa,jbb->jab", self.margin, self.margin))
-        return np.flatnonzero(np.linalg.eigvalsh(inner)[:, 0] < _BOUNDARY - 1.0).tolist()
+        return np.flatnonzero(np.linalg.eigvalsh(inner)[:, 0] < 1.0).tolist()
 
     def _inner(self, x: Array) -> Array:
         n = len(self.margin)

@@ -25,18 +25,13 @@ from trueup.identification.estimation.pool import pool_for
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.inspection.outstanding import NAME, joined, outstanding
+from trueup.instant import HARDLY
 from trueup.noise import UNUSUAL, spread
-from trueup.rounding import TINY
+from trueup.rounding import PRINTED, TINY
 from trueup.samples import MOST
 
-_AGREE = 0.5
-"""Of the samples: those that the fit is made to. As many may be disturbed as are not, and no fit can stand more."""
 _TURNS = 30
 """Times that samples are chosen by the fit and the fit made anew: they settle in 4 to 16."""
-_RESTS = 0.03
-"""Of a joint's top speed: friction may hold any load where it is slower, three times the speed over which it sets in."""
-_LEAST = 1e-3
-"""Of a joint's torque: what is off by less matters to nobody."""
 
 _Stretch = tuple[int, int, int]
 """The recording, first and last of its samples."""
@@ -59,7 +54,7 @@ class _Looked:
     def moving(self) -> list[Mask]:
         """(S, n) of each log: whether a joint moves fast enough that its friction is known."""
         top = np.concatenate(self.speeds).max(axis=0)
-        return [v > _RESTS * top for v in self.speeds]
+        return [v > HARDLY * top for v in self.speeds]
 
     @cached_property
     def power(self) -> Array:
@@ -84,7 +79,7 @@ class _Looked:
             each = [
                 np.concatenate([e[k[:, j], j] for e, k in zip(errors, known, strict=True)]) for j in range(len(size))
             ]
-            usual = np.maximum([float(spread(e)) if len(e) else 0.0 for e in each], _LEAST * size)
+            usual = np.maximum([float(spread(e)) if len(e) else 0.0 for e in each], PRINTED * size)
         return usual
 
     def _errors(self, inside: Sequence[Mask], load: Sequence[Mask] | None, weights: Array) -> list[Array]:
@@ -110,7 +105,7 @@ class _Looked:
                 np.sqrt(np.sum(t**2, axis=1) / np.maximum(w.sum(axis=1), 1))
                 for t, w in zip(self.times(inside), self.moving, strict=True)
             ]
-            most = float(np.quantile(np.concatenate([o[m] for o, m in zip(off, moves, strict=True)]), _AGREE))
+            most = float(np.quantile(np.concatenate([o[m] for o, m in zip(off, moves, strict=True)]), MOST))
             before, inside = inside, [m & (o <= most) for o, m in zip(off, moves, strict=True)]
             if all(map(np.array_equal, before, inside)):
                 break

@@ -14,12 +14,10 @@ from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.moments import Moments, weighted_fit
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.rounding import TINY
+from trueup.rounding import PRINTED, TINY
 from trueup.samples import thinned
 
 _FRICTION = ("coulomb", "viscous")
-_LEAST = 1e-3
-"""Of the largest friction: the size that one has at least, for a barrier that keeps it above zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +66,7 @@ def file_fit(
     prior = nominal.copy()
     for kind in _FRICTION:
         own = np.array(pool.groups[kind])
-        prior[own] = np.maximum(size[own], max(_LEAST * float(size[own].max()), TINY))
+        prior[own] = np.maximum(size[own], max(PRINTED * float(size[own].max()), TINY))
     whole = moments.normal(1.0 / variance / np.mean(1.0 / variance)).whole()
     fit = consistent_fit(model, whole, np.flatnonzero(mask), prior, pull=pull, positive=columns)
     rotors, coulomb, viscous = (fit.parameters[np.array(pool.groups[kind])] for kind in ("rotor", *_FRICTION))

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.evidence import HALVED
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.balanced import Balance, balanced
 from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
+from trueup.identification.estimation.diagnosis import AS_GOOD
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.file_fit import FileFit
 from trueup.identification.estimation.moments import Moments
@@ -33,17 +35,10 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import link_poses
 from trueup.identification.torque_model import TorqueModel
 from trueup.instant import HARDLY, usual_step
+from trueup.samples import MOST
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.motion import Piece, Torque
-
-
-_MANY = 0.4
-"""Share of combinations not seen from which on the whole is in doubt."""
-_FAR = 3.0
-"""Times the fitted error: held-out motion of another kind."""
-_COSTLY = 1.02
-"""Of the unconstrained error: a consistent model that is worse than this is worth a word."""
 
 
 def outcome(
@@ -171,12 +166,12 @@ def _thin(predictions: Sequence[Prediction], parameters: Sequence[Parameter]) ->
     held = [p for p in predictions if p.held_out]
     fitted = [p for p in predictions if not p.held_out]
     trained, said = relative_error(fitted), []
-    if unseen > _MANY * len(inertial):
+    if unseen > MOST * len(inertial):
         said.append(
             f"too little excitation: {unseen} of {len(inertial)} combinations of inertial parameters cannot be told from "
             "these logs (below: which, and which motion would show them); outside the motions fitted the model may be far off"
         )
-    if held and relative_error(held) > _FAR * trained:
+    if held and HALVED * relative_error(held) > trained:
         said.append(
             f"held-out motion is predicted {relative_error(held) / trained:.0f} times worse than the fitted one: "
             f"{unlike(fitted, held) or 'the logs that were fitted are too short or too unlike it. Add motion of that kind'}"
@@ -225,7 +220,7 @@ def _notes(
         said += [_lag(tree, bodies)] if bodies.lagging else []
         judged = [p for p in predictions if p.held_out] or list(predictions)
         free, possible = relative_error(judged), relative_error(judged, "consistent")
-        if possible > _COSTLY * free:
+        if possible > AS_GOOD * free:
             said.append(
                 f"keeping all links physically possible costs accuracy: {100 * possible:.2f} % instead of "
                 f"{100 * free:.2f} %. Something other than rigid links pushes the fit there: friction, elasticity, "

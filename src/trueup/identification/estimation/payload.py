@@ -25,12 +25,12 @@ from trueup.identification.estimation.motion import Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import Pool, pool_for, with_load_columns
 from trueup.identification.estimation.quick import basic_columns
 from trueup.identification.estimation.selection import TIME_BLOCKS
+from trueup.identification.estimation.verdicts import SURE
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Recording
 from trueup.rounding import TINY
 
-_POOR = 0.2
 _SPEED = ("quadratic", "root", "asymmetric")
 """Groups of friction that changes with speed otherwise than it sets in."""
 
@@ -48,8 +48,8 @@ class DriveGains:
     """(10,) of the payload: what was given, and what was found of the rest."""
 
     def poor(self) -> Integers:
-        """Joints whose gain is uncertain by more than a fifth: the payload hardly loads them in these runs."""
-        return np.flatnonzero(~(self.deviations < _POOR * np.abs(self.gains)))
+        """Joints whose gain is uncertain by more than a tenth: the payload hardly loads them in these runs."""
+        return np.flatnonzero(~(self.deviations < SURE * np.abs(self.gains)))
 
 
 def drive_gains(
@@ -173,7 +173,7 @@ def drives_from_payload(
     poor = found.poor()
     if len(poor) == tree.n:
         raise IdentificationError(
-            "the run with the payload shows no torque constant to 20 %: carry more, and hold it far out in several poses"
+            "the run with the payload shows no torque constant to 10 %: carry more, and hold it far out in several poses"
         )
     sure = ~np.isin(np.arange(tree.n), poor)
     constants = np.where(sure, drives.constants * found.gains, drives.constants)

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
-from trueup.evidence import FEWEST_PARTS, HALVED, without_each
+from trueup.evidence import EXCERPT, FEWEST_PARTS, HALVED, without_each
 from trueup.identification.estimation.belonging import strangers
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.diagnosis import (
@@ -38,8 +38,6 @@ from trueup.rounding import TINY
 from trueup.samples import rms
 from trueup.units import GRAVITY
 
-_LONGEST = 20.0
-"""s of a log that a rough fit looks at."""
 _CUTS = (1, FEWEST_PARTS, TIME_BLOCKS)
 """Parts of a log in which a mistake is looked for: all, as few as evidence allows, as many as structures are asked in."""
 _TILTS = (0.4, 0.1, 0.03)
@@ -171,7 +169,7 @@ def foretelling_fit(
 def rough_error(tree: KinematicTree, recording: Recording, channels: dict[str, Channel]) -> float:
     """Relative error of a rough model of position and torque; infinite where there is no motion to fit."""
     start = float(channels["position"].time[0])
-    part = recording.replace(channels=channels).slice(start, start + _LONGEST)
+    part = recording.replace(channels=channels).slice(start, start + EXCERPT)
     drives = Drives.direct(tree.joints)
     try:
         log = log_of(part, tree, drives)

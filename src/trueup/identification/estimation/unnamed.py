@@ -16,14 +16,10 @@ from trueup.identification.estimation.filtering import Lowpass, derivative, even
 from trueup.identification.estimation.quick import rough_error
 from trueup.identification.estimation.torque_choice import Torque, choice
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.inspection.relations import CORRELATED, TOLERANCE
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.units import hardly_radians
-
-_ALIKE = 0.97
-"""Correlation from which one signal is another's rate of change."""
-_GAIN = 0.1
-"""Logarithm of the ratio of their sizes up to which that is a speed in the same unit."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +115,11 @@ def _alike(a: Array, b: Array) -> bool:
     """Whether most columns (T, n) of one are those of the other, but for their size."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     size = np.sqrt(np.sum(a**2, axis=0) * np.sum(b**2, axis=0))
-    return bool(np.median(np.sum(a * b, axis=0) / np.maximum(size, TINY)) > _ALIKE)
+    return bool(np.median(np.sum(a * b, axis=0) / np.maximum(size, TINY)) > CORRELATED)
 
 
 def _same_size(a: Array, b: Array) -> bool:
-    return bool(abs(np.log(np.median(np.std(b, axis=0) / np.maximum(np.std(a, axis=0), TINY)))) < _GAIN)
+    return bool(abs(np.log(np.median(np.std(b, axis=0) / np.maximum(np.std(a, axis=0), TINY)))) < TOLERANCE)
 
 
 def _channels(arm: KinematicTree, block: Channel, layout: _Layout) -> dict[str, Channel]:

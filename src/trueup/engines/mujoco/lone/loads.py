@@ -18,7 +18,8 @@ from trueup.instant import moving_cubic, rate_noise, usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Channel
 
-_MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
+_STEP = float(np.sqrt(np.finfo(float).eps))
+"""rad or m by which a joint is moved for the slope of its load: half of the digits are left of that."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,6 @@ def _stiffness(model: mujoco.MjModel, motion: Motion) -> Array:
     grown = np.empty_like(torque)
     for dof in range(model.nv):
         moved = motion.position.copy()
-        moved[:, dof] += _MOVED
+        moved[:, dof] += _STEP
         grown[:, dof] = inverse_dynamics(model, moved, motion.speed, motion.acceleration)[1][:, dof] - torque[:, dof]
-    return grown / _MOVED
+    return grown / _STEP

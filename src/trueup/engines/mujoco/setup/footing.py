@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, product, quaternion_of, up_of
+from trueup.articulated.quantities.known import quantity
 from trueup.ends import TILT
 from trueup.engines.mujoco.base import floating, free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
@@ -18,16 +19,12 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.floor import Reach
 from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
+from trueup.noise import FEWEST
 from trueup.recording import Recording
+from trueup.samples import MOSTLY
 from trueup.trial import LOOK
 from trueup.units import GRAVITY
 
-_BEYOND = 0.05
-"""m beside the floor: within it the floor's height is calibrated (the bounds of floor_height)."""
-_MOSTLY = 0.1
-"""Share of a run by whose lowest points the floor is known: whatever hops, is lifted or falls touches it that long."""
-_FEWEST = 5
-"""Poses off the floor that tell whether the robot flies: in 0.1 s what falls is 5 cm away from what goes straight on."""
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From a frame whose y points up to one whose z does: x, -z, y."""
 
@@ -44,8 +41,8 @@ class _Poses:
 
     @property
     def floor(self) -> float:
-        """Height over the model's floor at which the robot stood, in m."""
-        return float(np.quantile(self.heights, _MOSTLY))
+        """Height over the model's floor at which the robot stood, in m: mostly no lower, whatever hops or is lifted."""
+        return float(np.quantile(self.heights, 1.0 - MOSTLY))
 
 
 def on_the_floor(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -67,11 +64,11 @@ def on_the_floor(model: Model, recordings: Sequence[Recording]) -> tuple[list[Re
             f"capture often has it: x, y, z of {POSITION} are taken as x, -z, y, and {ORIENTATION} is turned likewise"
         )
     seen = {k: poses.floor for k, r in enumerate(result) if (poses := _poses(reach, r)) is not None}
-    if not any(abs(height) > _BEYOND for height in seen.values()):
+    if not any(abs(height) > _calibrated() for height in seen.values()):
         return result, notes
     middle = float(np.median(list(seen.values())))
-    alike = all(abs(height - middle) <= _BEYOND for height in seen.values())
-    moved = {k: middle if alike else h for k, h in seen.items() if alike or abs(h) > _BEYOND}
+    alike = all(abs(height - middle) <= _calibrated() for height in seen.values())
+    moved = {k: middle if alike else h for k, h in seen.items() if alike or abs(h) > _calibrated()}
     for k, height in moved.items():
         result[k] = _moved(result[k], (0.0, 0.0, -height))
     said = ", ".join(f"{result[k].name} {seen[k]:+.3f} m" for k in moved)
@@ -100,13 +97,18 @@ def without_lifts(model: Model, recordings: Sequence[Recording]) -> tuple[list[R
     return parted(recordings, lifts, said)
 
 
+def _calibrated() -> float:
+    """How far from the model's floor its height is calibrated, in m."""
+    return quantity("floor_height").bounds(0.0)[1]
+
+
 def _lifts(poses: _Poses) -> list[Gap]:
     """Stretches off the floor that are no flights: what flies falls at g, and what is held goes straight on in the mean."""
-    off = np.concatenate([[False], poses.heights > _BEYOND, [False]]).astype(int)
+    off = np.concatenate([[False], poses.heights > _calibrated(), [False]]).astype(int)
     begins, ends = np.flatnonzero(np.diff(off) == 1), np.flatnonzero(np.diff(off) == -1)
     found = []
     for a, b in zip(begins, ends, strict=True):
-        if b - a < _FEWEST:
+        if b - a < FEWEST:
             continue
         falls = -2.0 * float(np.polyfit(poses.time[a:b] - poses.time[a], poses.base[a:b], 2)[0])
         if falls < 0.5 * GRAVITY:

@@ -32,16 +32,12 @@ from trueup.engines.mujoco.wiring import joint_id, rest
 from trueup.evidence import HALVED, STANDARD_ERRORS
 from trueup.instant import HARDLY, MOVING, samples_of_cubic, usual_step
 from trueup.recording import Recording
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.samples import rms
 from trueup.trial import command_of
 
-_FEWEST = 4
-"""Stretches, each as long as speeds are smoothed over, in which a joint must move: as many as there are unknowns."""
-_HELD = 2.0
-"""Times the largest torque that moved nothing: a joint that stood still has at least that much friction."""
-_SHORT = 1e-6
-"""Of the size of what they weigh: coefficients that nothing tells are drawn to zero by so much, far below what is told."""
+AT_LEAST = 2.0
+"""Times what a recording shows of a friction or a torque at least, as other things took part in it: where a search begins."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +91,9 @@ def of_a_drive(columns: Array, extra: Array) -> Array:
     count = columns.shape[1]
     size = np.maximum(np.abs(columns).max(axis=0), TINY)
     least = np.array([0.0, 0.0, 0.0, *[-np.inf] * (count - 3)])
+    # Coefficients that nothing tells are drawn to zero, far below what is told.
     # Of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution.
-    short = np.sqrt(len(columns)) * _SHORT * np.eye(count)
+    short = np.sqrt(len(columns)) * NEGLIGIBLE**0.5 * np.eye(count)
     rows, right = np.concatenate([columns / size, short]), np.concatenate([extra, np.zeros(count)])
     return lsq_linear(rows, right, (least, np.full(count, np.inf)), method="bvls").x / size
 
@@ -104,8 +101,8 @@ def of_a_drive(columns: Array, extra: Array) -> Array:
 def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
     columns, extra, window = pushes(parts, dof)
     seen = window > 0.0
-    if np.sum(1.0 / window[seen]) < _FEWEST:
-        return Drive(_HELD * float(np.abs(extra).max()))
+    if np.sum(1.0 / window[seen]) < columns.shape[1]:  # stretches as long as speeds are smoothed over; unknowns
+        return Drive(AT_LEAST * float(np.abs(extra).max()))
     columns, window = columns[seen], window[seen]
     x, left = _of_a_gain(columns, extra[seen], _rigid(parts, dof)[seen])
     friction, damping, armature = (float(v) for v in x[:3])
@@ -113,7 +110,7 @@ def _fitted(parts: Sequence[KnownTorque], dof: int) -> Drive:
     # a joint that keeps no speed for a sample, and shows no friction by which it slides, gives way to one that holds it
     doubt = _standard_error(columns, left, float(np.sum(1.0 / window)))
     creeps = inertia < damping * max(p.sample for p in parts) and friction < STANDARD_ERRORS * doubt
-    return Drive(_HELD * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
+    return Drive(AT_LEAST * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
 
 
 def _of_a_gain(columns: Array, extra: Array, rigid: Array) -> tuple[Array, Array]:

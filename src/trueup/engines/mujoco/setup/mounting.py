@@ -15,10 +15,10 @@ from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.inspection.relations import CORRELATED, nearest
 from trueup.inspection.sensors import sensed
+from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording
 
 _TURNED = 0.5  # rad: units are mounted by quarters of a turn, and what noise makes of one is less
-_TOLD = 0.05  # share of all turns that a direction needs to be told
 _OTHERWISE = (
     ("x, y, z, w", np.array([3, 0, 1, 2]), np.ones(4)),
     ("the inverse (from the world's frame to the base's)", np.arange(4), np.array([1.0, -1.0, -1.0, -1.0])),
@@ -47,20 +47,20 @@ def mounted_otherwise(model: Model, recordings: Sequence[Recording]) -> list[str
 def _doubt(gyro: Channel, sensor: str, pose: Channel, site: Array) -> str:
     """What is wrong with a gyro and an orientation, and what to do; '' where they agree, or turn too little."""
     found = together(gyro, pose)
-    if found is None or found.fits < CORRELATED or found.shares[1] < _TOLD:
+    if found is None or found.fits < CORRELATED or found.shares[1] < HARDLY:
         return ""
     unit, (angle, turn) = nearest(found.factor, RATES), _beside(found, site)
     if unit not in ("", "rad/s"):
         many = f"{found.factor:.3g} times"
         return f"'{gyro.name}' turns {many} as far as '{ORIENTATION}' says: is it in {unit}? Say so in the mapping"
-    mirrored = found.is_mirrored and found.shares[2] >= _TOLD
+    mirrored = found.is_mirrored and found.shares[2] >= HARDLY
     if angle < _TURNED and not mirrored:
         return ""
     ways = [
         f"'{ORIENTATION}' is {meant}, and not w, x, y, z of the base in the world"
         for meant, order, signs in _OTHERWISE
         if (other := together(gyro, pose.replace(values=signs * pose.values[:, order]))) is not None
-        and other.fits > CORRELATED and not (other.is_mirrored and other.shares[2] >= _TOLD)
+        and other.fits > CORRELATED and not (other.is_mirrored and other.shares[2] >= HARDLY)
         and _beside(other, site)[0] < _TURNED
     ]  # fmt: skip
     if not mirrored:

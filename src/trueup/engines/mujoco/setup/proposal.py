@@ -14,12 +14,13 @@ from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base
-from trueup.engines.mujoco.setup.motors import Drive, drives_seen
+from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
+from trueup.samples import MOST
 from trueup.trial import command_of
 
 LOAD = "friction with load"
@@ -30,8 +31,6 @@ FED_FORWARD = "speed fed forward"
 """Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
-_NEARLY = 0.5  # of the force limit: the stiffness is not known yet
-_STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
@@ -193,7 +192,7 @@ def _strengths(model: Model, recordings: Sequence[Recording], unlimited: Sequenc
     stepped = {j: a for j in unlimited if len(a := accelerations(j, drives[j], recordings))}
     inertia, weight = loads(model, tuple(stepped), recordings)
     return {
-        j: _STRONGER * float(i * np.max(a) + w) for (j, a), i, w in zip(stepped.items(), inertia, weight, strict=True)
+        j: AT_LEAST * float(i * np.max(a) + w) for (j, a), i, w in zip(stepped.items(), inertia, weight, strict=True)
     }
 
 
@@ -245,7 +244,7 @@ def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: 
         position = recording.channel("position")
         if joint in position.labels:
             ahead = np.abs(command.select([label]).at(position.time, hold=True)[:, 0] - position.column(joint))
-            if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
+            if stiffness * np.nanmax(ahead, initial=0.0) > MOST * limit:
                 return True
     return False
 

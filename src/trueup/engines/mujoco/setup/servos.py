@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from trueup.arrays import Array
 from trueup.articulated.quantities.joints import BANDWIDTH
 from trueup.engines.mujoco.base import free_joint
+from trueup.engines.mujoco.gears import OWN
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import is_motor, joint_id
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
 
 _SAG = 0.02  # rad or m: what a servo gives way under the robot's own weight, at most
-_ROTOR = 0.1  # share of the inertia that a drive moves; files without rotor inertia have none at all
 _SMALLEST = 0.1  # share of the largest inertia below which none is believed: drives of one robot are alike
 
 
@@ -34,8 +34,8 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
         joint = spec.joint(name)
         force = _strongest(model, name)
         if joint.armature == 0.0:
-            joint.armature = _ROTOR * moved
-            moved *= 1.0 + _ROTOR
+            joint.armature = OWN * moved
+            moved *= 1.0 + OWN
         stiffness = max(moved * BANDWIDTH**2, held / _SAG)
         damping = 2.0 * float(np.sqrt(stiffness * moved))
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]  # the servo has it now
@@ -56,7 +56,7 @@ def add_speed_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], r
     for name, moved, held in zip(joints, inertia, weight, strict=True):
         joint = spec.joint(name)
         if joint.armature == 0.0:
-            joint.armature = _ROTOR * moved
+            joint.armature = OWN * moved
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
         damping = max(moved * BANDWIDTH, held / (_SAG * BANDWIDTH))
         _servo(spec, model, name, 0.0, damping, _strongest(model, name))

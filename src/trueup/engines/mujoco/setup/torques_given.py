@@ -16,11 +16,9 @@ from trueup.engines.mujoco.setup.motors import given
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.errors import ModelError
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.instant import LOOKS
 from trueup.recording import Recording
 from trueup.trial import command_of
-
-_LOOKS = 200
-"""Instants of a recording at which it is asked whether the model touches itself or what stands around it."""
 
 
 def torques_given(model: Model, recordings: Sequence[Recording]) -> tuple[KinematicTree | None, list[Recording]]:
@@ -70,7 +68,7 @@ def _touches(compiled: mujoco.MjModel, recording: Recording) -> bool:
     good = measured.values[np.isfinite(measured.values).all(axis=1)]
     met = (mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT, mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS,
            mujoco.mjtConstraint.mjCNSTR_CONTACT_PYRAMIDAL, mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)  # fmt: skip
-    for row in good[:: max(1, len(good) // _LOOKS)]:
+    for row in good[:: max(1, len(good) // LOOKS)]:
         data.qpos[places] = row
         mujoco.mj_fwdPosition(compiled, data)
         if np.isin(data.efc_type, met).any():

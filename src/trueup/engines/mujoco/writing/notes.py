@@ -16,10 +16,9 @@ from trueup.engines.mujoco.base import free_joint, spared
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.wiring import is_speed_servo
-from trueup.noise import spread
+from trueup.noise import UNUSUAL, spread
 
 DELAY = "actuator.delay"
-_UNEXPLAINED = 5.0  # noise units
 _ALIKE, _OTHER_UNIT = 0.05, 2.0
 """Share by which gains that were found may differ from a log's and be the same; times, from which on these are counts of a
 servo's firmware rather than N m/rad: files are seldom wrong by as much in what a robot weighs.
@@ -227,7 +226,7 @@ def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[st
         return ()
     off = np.concatenate([((r.after - r.measured) / r.noise).ravel() for r in seen])
     times = float(spread(off[np.isfinite(off)]))  # the usual error: a walk that went another way tells nothing of it
-    if not times > _UNEXPLAINED:
+    if not times > UNUSUAL:
         return ()
     return (
         f"the replay error stays at {times:.0f} times the noise. Is each joint the one that it is named (left and right, the "
