@@ -114,9 +114,9 @@ def _state(
         return np.nan, np.nan, np.nan, np.nan, np.nan
     level = float(seen[0] / rows[0, 0])
     seen = seen - level * rows[:, 0]
-    paced = velocity is not None and label in velocity.labels
-    if paced:
-        more = _samples(velocity, label, time, 1)
+    rates = velocity if velocity is not None and label in velocity.labels else None
+    if rates is not None:
+        more = _samples(rates, label, time, 1)
         t, rows, seen = (np.concatenate(pair) for pair in zip((t, rows, seen), more, strict=True))
     order = np.argsort(np.abs(t), kind="stable")
     between = bool(np.any(t < 0.0) and np.any(t > 0.0))
@@ -135,7 +135,7 @@ def _state(
     (value, speed, acceleration), covariance = states[last], covariances[last]
     if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
         value, speed, acceleration = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0, 0.0
-    acceleration = 0.0 if paced else float(acceleration)
+    acceleration = float(acceleration) if rates is None else 0.0
     return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1]), acceleration
 
 
