@@ -27,11 +27,16 @@ from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.controllers.controller import Observation
 from trueup.controllers.stanley import Stanley, StanleySettings
+from trueup.engines.vehicle import VehicleSimulator
 from trueup.engines.vehicle.commands import in_another_unit
+from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import PlanError
 from trueup.formats import read
+from trueup.loop.fit import STAGES, Watch, fit
+from trueup.loop.problem import Problem
+from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -216,6 +221,25 @@ def test_a_calibrated_cars_file_holds_what_a_controller_meets(calibrated: Path, 
     assert score == pytest.approx(scores(first)["experiment"], rel=0.1)
     assert shaking(steering) == pytest.approx(real, rel=0.15)
     assert shaking(calm) < 0.3 * real
+
+
+@pytest.mark.parametrize("begun", [20.0, 40.0])
+def test_a_limit_is_found_from_one_that_is_never_met(tmp_path: Path, begun: float) -> None:
+    for seed in (1, 2, 3):
+        by_hand(tmp_path / f"d{seed}.csv", seed, 18.0)
+    (tmp_path / "car.toml").write_text(DECLARED)
+    drives = read(sorted(tmp_path.glob("*.csv")))
+    ready = simulator_of(tmp_path / "car.toml", lambda line: None, drives, max_steering=MOST).only(TOLD)
+    car = ready.simulator
+    assert isinstance(car, VehicleSimulator)
+    near = {"steering_delay": DELAY, "steering_rate_limit": begun, "steering_dead": DEAD, "understeer": UNDERSTEER}
+    own = ParameterSpace(tuple(p.replace(optional="") for p in car.parameters.parameters))
+    start = np.array([near.get(p.name, p.nominal) for p in own.parameters])
+    recordings = [car.prepared(r) for r in ready.recordings]
+    problem = Problem(car, recordings, Ahead(car, recordings), ("position", "heading"))
+    stages = [s for s in STAGES if s.name in ("all, full step", "profiles")]
+    found = fit(problem, own, start, Watch(), stages=stages)
+    assert found.values[own.index("steering_rate_limit")] == pytest.approx(RATE, rel=0.2)
 
 
 def by_file(file: Path, folder: Path) -> tuple[float, Array]:

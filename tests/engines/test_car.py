@@ -26,6 +26,7 @@ from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
 from trueup.loop.calibrate import Options
 from trueup.loop.fit import DESCENT
+from trueup.loop.limits import is_limit
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.tracking.cleaned import cleaned
@@ -243,6 +244,15 @@ def test_a_search_begins_where_the_speed_of_the_steering_shows() -> None:
     (rollout,) = VehicleSimulator(GUESS, space, horizon=1e3).rollout([trial], rows)
     one, other = rollout.channels["heading"][:, :, 0]
     assert np.nanmax(np.abs(one - other)) > 1e-3, "a limit that is never met has no slope"
+
+
+@pytest.mark.parametrize(("drive", "limits"), [
+    ("speed", {"steering_rate_limit", "acceleration_limit", "yaw_rate_limit", "yaw_acceleration_limit", "friction_limit"}),
+    ("throttle", {"steering_rate_limit"}),
+    ("pursued speed", {"steering_rate_limit", "acceleration_limit", "braking_limit"}),
+])  # fmt: skip
+def test_limits_of_a_car_are_those_that_it_may_never_meet(drive: str, limits: set[str]) -> None:
+    assert {p.name for p in Vehicle("car", 0.3, drive=drive).space().parameters if is_limit(p)} == limits
 
 
 def test_a_log_that_begins_while_slow_wheels_turn_is_predicted_from_its_beginning() -> None:

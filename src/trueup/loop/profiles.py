@@ -23,20 +23,20 @@ from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss, settling
 from trueup.loop.windows import carried
 
-_REACH, _LEAST = 0.25, 0.05
-"""Of a limit's range: how far along its profile is looked first, and how near it is left."""
+_APART = 0.05
+"""Share of a limit's range between the places at which its profile is looked at."""
 
 
 def profiles(run: Run) -> None:
     """Looks along the profile of each time that acts from one step to the next, a delay under drives that saturate, and of
-    each limit where the recordings are not replayed to about their noise.
+    each limit.
 
     Slopes along a delay are those of a stair's tread, and rates, limits and damping make up for the one at which a search
     over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere
-    while gains are wrong, or structures wait. Not where so much was recorded that joints are searched alone: every place
-    would cost the engine minutes. Nor in windows: what is not replayed there is mostly noise at their starts, and replays
-    that short are smooth. Nor where feet touch: all that is searched has cracks there, and a quadruped's profiles took most
-    of the time and led nowhere.
+    while gains are wrong, or structures wait, and a delay makes up for it, however little is left. Not where so much was
+    recorded that joints are searched alone: every place would cost the engine minutes. Nor in windows: what is not replayed
+    there is mostly noise at their starts, and replays that short are smooth. Nor where feet touch: all that is searched has
+    cracks there, and a quadruped's profiles took most of the time and led nowhere.
     """
     if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
         return
@@ -48,7 +48,7 @@ def profiles(run: Run) -> None:
             width = run.look.problem.simulator.step / (p.upper - p.lower)
             if _rough(run, k, width):
                 _along_profile(run, k, max(0.5 * run.descent.point[k], width), width)
-        elif is_limit(p) and not run.later and not explained(run.descent.finished(run.look).residual):
+        elif is_limit(p) and not run.later:
             _where_promised(run, k)
 
 
@@ -61,11 +61,12 @@ def _rough(run: Run, k: int, width: float) -> bool:
 
 
 def _promising(problem: Problem, found: Fit, k: int, least: float) -> list[Array]:
-    """Points (n_free,) with the limit `k` of the free parameters elsewhere, further down or up, and the others where slopes
-    foretell that they settle: the best of either side, if its loss is foretold to be below `least`.
+    """Points (n_free,) with the limit `k` of the free parameters elsewhere, anywhere down or up (from one that is not met it
+    may be far to one that is), and the others where slopes foretell that they settle: the best of either side, if its loss is
+    foretold to be below `least`.
     """
     others, points = np.delete(np.arange(len(found.unit)), k), []
-    steps = _REACH * 0.5 ** np.arange(int(np.log2(_REACH / _LEAST)) + 2)
+    steps = np.arange(_APART, 1.0, _APART)
     for places in (np.clip(found.unit[k] - steps, 0.0, 1.0), np.clip(found.unit[k] + steps, 0.0, 1.0)):
         rows = np.repeat(found.unit[None], len(places), axis=0)
         rows[:, k] = places

@@ -34,6 +34,11 @@ class Quantity:
     optional: str = ""
     """Structure that a vehicle may do without: kept where left-out drives are foretold clearly better with it."""
 
+    @property
+    def is_limit(self) -> bool:
+        """Whether more of it than its upper bound is as if there were none."""
+        return self.absent >= self.upper and self.lower > 0.0
+
     def __post_init__(self) -> None:
         """Fills in the column."""
         object.__setattr__(self, "column", self.column or self.name)

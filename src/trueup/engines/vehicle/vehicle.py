@@ -175,7 +175,7 @@ class Vehicle:
         unidentified = q.absent if q.absent > upper and q.name not in known else q.unidentified  # a limit not met
         return Parameter(
             q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by,
-            optional=q.optional, absent=q.absent if q.optional else None,
+            optional=q.optional, absent=q.absent if q.optional or q.is_limit else None,
             unidentified=None if q.name in self.values else unidentified,
             vanishes=lower == 0.0 == q.absent,
         )  # fmt: skip
