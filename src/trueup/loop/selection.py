@@ -12,6 +12,7 @@ from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, UNSEEN, UNTOLD, effects, verdicts
+from trueup.loop.limits import is_limit
 from trueup.loop.problem import Problem
 from trueup.loop.validate import (
     Block,
@@ -76,7 +77,7 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
     asked = [
         p for p, verdict in zip(free, seen, strict=True)
         if verdict.word in UNTOLD and (moved[p.name] or p.unidentified is not None)
-        and (p.name not in kept or verdict.word == UNSEEN) and not p.optional and p.absent is None
+        and (p.name not in kept or verdict.word == UNSEEN) and not _structure(problem, p)
     ]  # fmt: skip
     if not asked:
         return Choice((), ())
@@ -98,9 +99,16 @@ def shallow(problem: Problem, fit: Fit) -> list[Parameter]:
     inverse = np.linalg.inv(curvature + PRIOR * np.eye(len(curvature)))
     foretold = 0.5 * (_elsewhere(fit) - fit.unit) ** 2 / np.diag(inverse)
     free, much = [p for p in fit.space.parameters if not p.frozen], _PLAINLY * proof(problem, fit)
-    some = [k for k, p in enumerate(free) if foretold[k] > much and not p.optional and p.absent is None]
+    some = [k for k, p in enumerate(free) if foretold[k] > much and not _structure(problem, p)]
     places = [free.index(p) for p in _settled_below(problem, fit, [[k] for k in some], fit.loss + much)]
     return [free[k] for k, loss in zip(places, _settled(problem, fit, places), strict=True) if loss < fit.loss + much]
+
+
+def _structure(problem: Problem, p: Parameter) -> bool:
+    """Whether it is one of a structure, which has been asked about; not a limit that was searched with all else."""
+    return bool(p.optional) or (
+        p.absent is not None and not (is_limit(p) and not problem.simulator.parameters[p.name].optional)
+    )
 
 
 def proof(problem: Problem, fit: Fit) -> float:
