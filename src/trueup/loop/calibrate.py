@@ -29,7 +29,7 @@ from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, search
 from trueup.loop.held import held_open
 from trueup.loop.horizon import cut_for_search
 from trueup.loop.identifiability import unseen_directions, verdicts
-from trueup.loop.limits import limits_seen
+from trueup.loop.limits import limits_seen, limits_untold
 from trueup.loop.missing import missing, unasked_by
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
@@ -208,9 +208,9 @@ def _findings(
     unasked = unasked_by(problem, found) if chosen.lacking is None else ()
     lacking = None if unasked or chosen.lacking is False else missing(problem, found, earlier)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes), *unasked)
-    limits = limits_seen(problem, found)
     declared = problem.simulator.parameters
     untold = [declared[n] for n in (choices[0].freeze if choices else ()) if found.space[n].frozen]
+    limits = {**limits_seen(problem, found), **limits_untold(problem, found, untold)}
     open_, shared = open_covariance(problem, found, untold)
     estimates = estimated(found, open_, choices, declared, limits, notes)
     known, opened = (verdicts(found, c) for c in (covariance, open_))

@@ -54,6 +54,8 @@ def estimated(
                 )
         else:
             word, note = _frozen(declared[p.name], unseen, notes)
+            if p.name in unseen and p.name in limits:
+                note = f"{note}; {limits[p.name].note}"
         rows.append(
             Estimate(p.name, p.unit, float(start), float(value), float(lo), float(hi), p.lower, p.upper, not p.frozen, word,
                      note, absent=p.frozen and ((is_limit(p) and value == p.absent) or value == p.unidentified))

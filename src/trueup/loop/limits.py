@@ -7,8 +7,8 @@ would have to be to be seen, and nothing above (profile likelihood: S. A. Murphy
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.validate import settled_loss
-from trueup.parameters import Parameter
+from trueup.parameters import Parameter, ParameterSpace
 
 _APART = 0.01 * 2.0 ** np.arange(8)  # shares of the box: how far along a limit losses are looked at, to either side
 
@@ -37,13 +37,15 @@ def is_limit(p: Parameter) -> bool:
     return p.absent is not None and p.absent >= p.upper
 
 
-def limits_seen(problem: Problem, fit: Fit) -> Mapping[str, Seen]:
-    """What is seen of each free limit, by name, all other parameters settled around each place as slopes foretell it."""
+def limits_seen(problem: Problem, fit: Fit, names: Sequence[str] | None = None) -> Mapping[str, Seen]:
+    """What is seen of each free limit, or of some by `names`, all other parameters settled around each place as slopes
+    foretell it; by name.
+    """
     problem = (
         fit.near or problem.at_level(fit.values, fit.residual) or problem
     )  # the engine takes minutes where others do
     free = [p for p in fit.space.parameters if not p.frozen]
-    limits = [k for k, p in enumerate(free) if is_limit(p)]
+    limits = [k for k, p in enumerate(free) if is_limit(p) and (names is None or p.name in names)]
     if not limits:
         return {}
     here, worth = problem.residuals(fit.values[None])[0], NORMAL_95**2 * problem.chance(fit.residual)
@@ -62,6 +64,24 @@ def limits_seen(problem: Problem, fit: Fit) -> Mapping[str, Seen]:
         rows[:, k] = ends[0] or 0.0, 1.0 if ends[1] is None else ends[1]
         low, high = fit.space.from_unit(rows)[:, fit.space.index(p.name)].tolist()
         found[p.name] = _in_words(p, max(low, p.lower), min(high, p.upper), ends)
+    return found
+
+
+def limits_untold(problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> Mapping[str, Seen]:
+    """What is seen of limits that a fit holds since recordings do not tell them, by name: each freed beside what was fitted.
+
+    Nobody knows such a limit, but mostly how low it would have to be to be met.
+    """
+    found = {}
+    for p in untold:
+        if not is_limit(p):
+            continue
+        freed = p.replace(frozen=False, nominal=min(fit.space[p.name].nominal, p.upper))  # absent, it lies beyond
+        space = ParameterSpace(tuple(freed if o.name == p.name else o for o in fit.space.parameters))
+        place = [o.name for o in space.parameters if not o.frozen].index(p.name)
+        slopes = np.insert(fit.jacobian, place, 0.0, axis=1)
+        wide = replace(fit, space=space, unit=np.clip(space.to_unit(fit.values), 0.0, 1.0), jacobian=slopes)
+        found[p.name] = limits_seen(problem, wide, [p.name])[p.name]
     return found
 
 
