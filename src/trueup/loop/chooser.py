@@ -51,7 +51,11 @@ class Chooser:
             )
             if not late.freeze:
                 self._take(late)
-                return self._at_start_values(problem, found, watch, how)
+                held = self._at_start_values(problem, found, watch, how)
+                if held is found:
+                    return found
+                found, lowest = held, _loss(held, first)  # what was held may have told of others
+                continue
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
