@@ -145,8 +145,11 @@ class MujocoSimulator:
         if not more or len(self.parameters) > len(self.quantities):
             return None
         whole = concatenate([self.parameters, space])
-        return MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
-                               controller=self.controller, gains=self.gains)  # fmt: skip
+        other = MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
+                                controller=self.controller, gains=self.gains)  # fmt: skip
+        if other._touching is None:  # known of the same bodies: contacts cost several times what all else does
+            other._touching = self._touching
+        return other
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
         """The measured channels that this model can reproduce. Raises UnknownNameError for joints it does not have."""
