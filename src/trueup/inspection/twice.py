@@ -59,7 +59,7 @@ class _Positions:
 
     @classmethod
     def of(cls, recording: Recording) -> _Positions:
-        """None where no position was measured."""
+        """Of a recording; nothing where it has no positions."""
         channel, places = recording.channels.get("position"), dict[bytes, int]()
         if channel is None:
             return cls(recording.name, (), np.zeros(0), (), places)

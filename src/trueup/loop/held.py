@@ -41,6 +41,8 @@ def held_open(problem: Problem, fit: Fit, untold: Sequence[Parameter], covarianc
     if problem.duration > WORTH:
         return ()
     near = fit.near or fit.shot or problem
+    if fit.near is None and fit.coarse_step is not None:
+        near = near.at_step(fit.coarse_step)  # changes alone are looked at, as of structures
     along = _Along(near, fit, NORMAL_95**2 * near.chance(fit.residual))
     free = (p for p in fit.space.parameters if not p.frozen)
     spreads = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()

@@ -247,7 +247,7 @@ def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Ar
     units = np.concatenate([s.units for s in problem.segments])
     errors, rows = np.full(len(blocks), np.nan), [block.rows[main[block.rows]] for block in blocks]
     each, of = np.unique(values, axis=0, return_inverse=True)
-    waiting = [[b for b in np.flatnonzero(of.ravel() == k) if len(rows[b])] for k in range(len(each))]
+    waiting = [[b for b in np.flatnonzero(of.ravel() == k).tolist() if len(rows[b])] for k in range(len(each))]
     while waiting:  # blocks with the same values are simulated at once
         if not (own := waiting.pop()):
             continue
