@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 from rich.console import Console
 
 from trueup.calibration import TracePoint
 from trueup.commands.progress import Watcher
+from trueup.loop.descent import Watch
 
 
 def test_a_search_that_begins_anew_is_numbered() -> None:
@@ -42,3 +44,16 @@ def test_a_log_shows_that_a_long_stage_goes_on() -> None:
         for seconds in range(100):
             watch(TracePoint("all, full step", seconds, 1.0, 0.02 / (1.0 + seconds), float(seconds)))
     assert [line.split(",")[-1].strip() for line in shown.getvalue().splitlines()] == ["0 s", "30 s", "60 s", "90 s"]
+
+
+def test_what_is_simulated_between_two_points_of_a_search_shows_that_it_goes_on() -> None:
+    shown, passed = io.StringIO(), iter((0.0, 5.0, 40.0, 45.0, 80.0))
+    with Watcher(Console(file=shown), "m", quiet=False) as watcher:
+        search = Watch(lambda point: watcher(replace(point, seconds=next(passed))))
+        search.goes_on(3)  # nothing is known yet
+        search.trace.append(TracePoint("what the model lacks", 7, 1.0, 0.02, 0.0))
+        for evaluations in (8, 20, 300, 320, 999):
+            search.goes_on(evaluations)
+    said = [line.split(", ")[1] for line in shown.getvalue().splitlines()]
+    assert said == ["8 simulations", "300 simulations", "999 simulations"]
+    assert len(search.trace) == 1

@@ -11,12 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
+from trueup.articulated.gains import Gains
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.lone.lone_joints import LoneJoints
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Rollout, Simulator
+from trueup.inspection.settings import ALL
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT, STAGES
 from trueup.loop.mixed import Mixed
@@ -157,6 +159,27 @@ def test_it_is_a_simulator_like_others(tmp_path: Path) -> None:
     simulator = arm(tmp_path, [Declaration("kp"), Declaration("mass", ("lower",)), Declaration("delay", tie="all")])
     recording = recorded(simulator, 2.0)
     check_simulator(alone(simulator, Trial.of(recording)), recording)
+
+
+def test_recordings_side_by_side_are_replayed_as_each_by_itself_also_where_one_has_gains_of_its_own(
+    tmp_path: Path,
+) -> None:
+    plain = arm(tmp_path, LINES)
+    runs = [recorded(plain, 3.0, name=name) for name in "rst"]
+    whole = plain.with_gains(Gains({"kp": {"s": {ALL: 2.0}}}))
+    trials = [Trial.of(run, ["position"]) for run in runs]
+    values = np.repeat(whole.parameters.nominal[None], 2, axis=0)
+    values[1, :4] *= 1.3
+    together = whole.approximation(trials)
+    assert isinstance(together, LoneJoints)
+    for trial, done in zip(trials, together.rollout(trials, values), strict=True):
+        alone = LoneJoints.of(whole, [trial])
+        assert alone is not None
+        (seen,) = alone.rollout([trial], values)
+        np.testing.assert_array_equal(done.channels["position"], seen.channels["position"])
+    again = whole.at_step(0.004).approximation(trials)
+    assert isinstance(again, LoneJoints)
+    assert again.dynamics is together.dynamics  # motions that were measured are the same at every step
 
 
 def test_a_joint_that_only_its_torque_holds_is_seen_to_be_coupled(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.run import Run
+from trueup.engines.simulator import Simulator
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -46,7 +47,7 @@ def recorded() -> Trial:
     return Trial.of(Recording("r", channels), ("position",))
 
 
-def around(simulator: MujocoSimulator) -> Array:
+def around(simulator: Simulator) -> Array:
     """A point and those beside it along each parameter, as for a Jacobian."""
     space = simulator.parameters
     unit = np.clip(space.to_unit(space.nominal), 0.3, 0.7)
@@ -96,3 +97,13 @@ def test_legs_that_touch_are_simulated_as_they_are(tmp_path: Path, monkeypatch: 
     rows = simulated(monkeypatch)
     simulator.rollout([trial], values)
     assert rows == [len(values)]
+
+
+def test_what_touches_nothing_is_known_of_the_same_robot_with_further_parameters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulator, trial = robot(tmp_path, touch=1), recorded()
+    simulator.rollout([trial], simulator.parameters.nominal[None])
+    further, rows = next(iter(simulator.structures().values())), simulated(monkeypatch)
+    further.rollout([trial], around(further))
+    assert rows[0] < len(around(further))  # packed at once, and not first with contacts

@@ -31,3 +31,9 @@ def test_recordings_that_only_resemble_one_another_are_two() -> None:
     assert not seen_twice([_part("one", 0, 2000)], [_part("again", 0, 2000, again), _part("later", 2000, 3000)])
     rest = np.zeros((3000, 2))
     assert not seen_twice([_part("one", 0, 1000, rest)], [_part("two", 500, 1500, rest)])
+
+
+def test_among_many_recordings_those_two_that_share_a_stretch_are_found() -> None:
+    many = [_part(f"run {k}", 100 * k, 100 * k + 100) for k in range(30)]
+    (said,) = seen_twice([*many, _part("copy", 410, 490)], [])
+    assert "of 'run 4' stand in 'copy' too" in said

@@ -12,7 +12,14 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.loop.fit import Watch, fit
 from trueup.loop.problem import Problem
-from trueup.loop.validate import by_recording, left_out_points
+from trueup.loop.validate import (
+    block_errors,
+    by_recording,
+    by_stretch,
+    cautious_errors,
+    left_out_errors,
+    left_out_points,
+)
 from trueup.loop.windows import in_windows
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording, part_of
@@ -70,3 +77,34 @@ def test_what_only_the_part_left_out_has_seen_stays_about_where_it_is(formula: C
     found = fit(problem, space, space.nominal, Watch(), robust=np.inf)
     without_longer = found.space.from_unit(left_out_points(found, by_recording(problem)))[1, 1]
     assert abs(without_longer - found.values[1]) < 0.05
+
+
+def test_hundreds_of_recordings_are_left_out_in_tenths(formula: Callable[..., Simulator]) -> None:
+    """Each by a fit that never saw it, without a fit and a simulation of all for each of them."""
+    recordings = [measured(f"run {k}", 5.0 if k == 7 else 1.0, k) for k in range(40)]
+    space = ParameterSpace((Parameter("level", "rad", 0.5, -2.0, 9.0),))
+    problem = Problem(formula(level, space), recordings, Weighted.estimated(recordings, ["position"]), ("position",))
+    found = fit(problem, space, space.nominal, Watch(), robust=np.inf)
+    blocks, before = by_stretch(problem), problem.evaluations
+    assert len(blocks) == 40
+    for errors_of, most in ((left_out_errors, 10), (cautious_errors, 10 + 1 + 3 * 10)):
+        errors = errors_of(problem, found, blocks)
+        assert problem.evaluations - before <= most
+        np.testing.assert_allclose(errors[7], 4.0, atol=0.05)  # as by all others
+        np.testing.assert_allclose(np.delete(errors, 7)[:3], 4.0 / 36.0, atol=0.02)  # of 36 runs one is the odd one
+        before = problem.evaluations
+
+
+def test_a_recording_that_cannot_be_replayed_says_nothing_of_those_simulated_beside_it(
+    formula: Callable[..., Simulator],
+) -> None:
+    def failing(time: Array, values: Array, step: float) -> Array:
+        return np.full(len(time), values[0] if time[-1] < 2.0 else np.nan)
+
+    one, other = measured("one", 1.0, 0), measured("other", 1.0, 1)
+    late = one.with_channel(one.channel("position").replace(time=one.channel("position").time + 1.0))
+    recordings = [late.replace(name="late"), other]
+    problem = Problem(formula(failing, SPACE), recordings, Weighted.estimated(recordings, ["position"]), ("position",))
+    errors = block_errors(problem, by_recording(problem), np.array([[1.0], [1.0]]))
+    assert np.isinf(errors[0])
+    assert errors[1] < 0.02

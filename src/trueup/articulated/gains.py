@@ -70,10 +70,14 @@ class Gains:
         each = self.factors.get(quantity, {}).get(recording, {})
         return next((each[name] for name in (*names, ALL) if name in each), 1.0)
 
+    def scales(self, recordings: Sequence[str]) -> bool:
+        """Whether any of these was made with other settings than the model stands for."""
+        changed = [v for each in self.factors.values() for r in recordings for v in each.get(r, {}).values()]
+        return any(value != 1.0 for value in changed)
+
     def scale(self, model: Model, copies: Writable, recordings: Sequence[str], rows: int) -> None:
         """Multiplies stiffness and damping of the position servos; `rows` simulations for each of `recordings`."""
-        changed = [v for each in self.factors.values() for r in recordings for v in each.get(r, {}).values()]
-        if all(value == 1.0 for value in changed):
+        if not self.scales(recordings):
             return
         joints = {actuator: joint for joint, actuator in model.drives().items()}
         for servo in servos(model):

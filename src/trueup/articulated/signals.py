@@ -76,9 +76,10 @@ class Signals:
 
     def starts(self) -> list[tuple[Array, Array]]:
         """For each trial (b, k) positions and velocities of the joints, sensor errors taken out, corrections added."""
-        return [self._start(k) for k in range(len(self._trials))]
+        return [self.start(k) for k in range(len(self._trials))]
 
-    def _start(self, trial: int) -> tuple[Array, Array]:
+    def start(self, trial: int) -> tuple[Array, Array]:
+        """Those of one trial."""
         position, velocity = (np.repeat(m[None], self._rows, axis=0) for m in self._measured_starts[trial])
         measured = self._trials[trial].initial.get("position")
         for joint, value in self._changes.of("sensor").items():

@@ -54,7 +54,7 @@ class Watcher:
         self._first: float | None = None
         self._replayed = 0.0
         self._stage, self._count, self._done, self._told = "", 0, 0.0, 0.0
-        self._searches, self._evaluations = 1, 0
+        self._searches, self._evaluations, self._loss = 1, 0, math.nan
         self._bar = bar(console, quiet=quiet)
         self._task = self._bar.add_task("simulating", total=1.0, said="first replay")
 
@@ -75,8 +75,8 @@ class Watcher:
             self._searches, self._stage, self._done = self._searches + 1, "", 0.0
         self._evaluations = point.evaluations
         fresh = point.stage != self._stage
-        self._count = 0 if fresh else self._count + 1
-        self._stage = point.stage
+        self._count = 0 if fresh else self._count + (point.loss != self._loss)  # else it only goes on
+        self._stage, self._loss = point.stage, point.loss
         begin, end = _STAGES.get(point.stage, (0.0, 1.0))
         self._done = max(self._done, begin + (end - begin) * (1.0 - math.exp(-self._count / 4.0)))
         scale = scale_for(self._unit, [self._first, point.rmse])

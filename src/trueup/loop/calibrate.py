@@ -102,7 +102,7 @@ def calibrate(
     chosen = _with_entering(options or Options(), space)
     left, chosen_before = _searched(space, chosen.later, resume)
     laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers)
-    problem, watch, chooser = laid.problem, Watch(progress, less.kept_by(checkpoint)), Chooser()
+    problem, watch, chooser = laid.problem, _watching(laid.problem, progress, less.kept_by(checkpoint)), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, left, laid.begin, watch, resume=resume, select=select, **_how(chosen))
     if chosen.select and not found.disturbed.gaps:
@@ -127,6 +127,13 @@ def calibrate(
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,
                        evaluations=problem.evaluations, seconds=time.perf_counter() - began,
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
+
+
+def _watching(problem: Problem, progress: Progress | None, checkpoint: Checkpoint | None) -> Watch:
+    """Reports a search, and that it goes on where a problem is simulated in between."""
+    watch = Watch(progress, checkpoint)
+    problem.heard_by.append(watch.goes_on)
+    return watch
 
 
 @dataclass(frozen=True, eq=False)

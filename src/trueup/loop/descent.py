@@ -91,6 +91,12 @@ class Watch:
         if self.progress is not None:
             self.progress(point)
 
+    def goes_on(self, evaluations: int) -> None:
+        """Reports that more is simulated, while nothing better is known: no point of the trace."""
+        if self.progress is not None and self.trace:
+            passed = time.perf_counter() - self.began
+            self.progress(replace(self.trace[-1], evaluations=evaluations, seconds=passed))
+
     def save(self, stage: str, space: ParameterSpace, state: dict[str, Any]) -> None:
         """Hands the state of the search to the checkpoint."""
         if self.checkpoint is not None:

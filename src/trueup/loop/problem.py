@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +44,8 @@ class Problem:
         self.simulator, self.recordings, self.discrepancy = simulator, tuple(recordings), discrepancy
         self._finest = simulator  # as it was before steps became coarser
         self._counted = [0]  # shared by all versions of this problem
+        self.heard_by: list[Callable[[int], None]] = []
+        """Told how many candidates were simulated so far, by all versions of this problem."""
         self._controllers = controllers
         self._exactly = False
         self._offset: Array | None = None
@@ -187,6 +189,8 @@ class Problem:
     def rollouts(self, values: Array, only: Sequence[int] | None = None) -> list[Rollout]:
         """The simulated trials, all or `only` some."""
         self._counted[0] += len(values)
+        for hear in self.heard_by:
+            hear(self.evaluations)
         trials = self.trials if only is None else [self.trials[k] for k in only]
         return self.simulator.rollout(trials, values, self._controllers)
 

@@ -56,6 +56,8 @@ def by_stretch(problem: Problem) -> list[Block]:
     What was recorded at rest stays whole: each stretch repeats the one beside it, and foretells it whatever is wrong.
     """
     whole = by_recording(problem)
+    if len(whole) >= FEWEST_PARTS:
+        return [block for block in whole if len(block.rows)]
     still = [all(_at_rest(problem.recordings[problem.owners[k]]) for k in b.trials) for b in whole]
     parts = int(np.ceil((FEWEST_PARTS - sum(still)) / max(len(whole) - sum(still), 1)))
     counts = [1 if rests else max(parts, 1) for rests in still]
@@ -97,6 +99,21 @@ def _numbers(recording: Recording) -> dict[str, float]:
         if single and not is_command(name) and np.ptp(channel.values) == 0.0:
             found[name] = float(channel.values[0, 0])
     return found
+
+
+def _in_sets(blocks: Sequence[Block]) -> tuple[list[Block], NDArray[np.intp]]:
+    """Blocks as they are left out of fits, in turns, and (B,) in which of these each block is: of hundreds of recordings
+    tenths tell as much as each by itself (R. Kohavi, A study of cross-validation and bootstrap, IJCAI 1995).
+    """
+    which = np.arange(len(blocks)) % _FOLDS
+    if len(blocks) <= _FOLDS:
+        return list(blocks), which
+    sets = [blocks[k::_FOLDS] for k in range(_FOLDS)]
+    together = [
+        Block(tuple(sorted({t for b in own for t in b.trials})), np.sort(np.concatenate([b.rows for b in own])))
+        for own in sets
+    ]
+    return together, which
 
 
 def left_out_points(fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False) -> Array:
@@ -209,12 +226,14 @@ def foretold(problem: Problem, fit: Fit) -> Array:
 
 def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """(B,) replay error of each block by a fit that never saw it, as `block_errors` has it; `held` as `left_out_points`."""
-    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(fit, blocks, held)))
+    sets, which = _in_sets(blocks)
+    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(fit, sets, held))[which])
 
 
 def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """As `left_out_errors`, by fits that go no further than all that they saw bears them out."""
-    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, blocks, held)[0]))
+    sets, which = _in_sets(blocks)
+    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, sets, held)[0])[which])
 
 
 def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Array:
@@ -225,22 +244,29 @@ def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Ar
     name = problem.main[0]
     main = np.concatenate([np.full(s.count, s.channel == name) for s in problem.segments])
     units = np.concatenate([s.units for s in problem.segments])
-    errors = np.full(len(blocks), np.nan)
-    for b, (block, row) in enumerate(zip(blocks, values, strict=True)):
-        rows = block.rows[main[block.rows]]
-        if len(rows):
-            places = np.searchsorted(_rows(problem, block.trials, 0, 1), rows)
-            residual = problem.residuals(row[None], only=block.trials)[0, places]
-            error = float(np.sqrt(np.mean((residual * units[rows]) ** 2)))
+    errors, rows = np.full(len(blocks), np.nan), [block.rows[main[block.rows]] for block in blocks]
+    each, of = np.unique(values, axis=0, return_inverse=True)
+    waiting = [[b for b in np.flatnonzero(of.ravel() == k).tolist() if len(rows[b])] for k in range(len(each))]
+    while waiting:  # blocks with the same values are simulated at once
+        if not (own := waiting.pop()):
+            continue
+        trials = sorted({t for b in own for t in blocks[b].trials})
+        residual = problem.residuals(values[own[:1]], only=trials)[0]
+        if len(own) > 1 and not np.isfinite(residual).all():  # one that fails says nothing of the others
+            waiting += [[b] for b in own]
+            continue
+        places = _rows(problem, trials, 0, 1)
+        for b in own:
+            error = float(np.sqrt(np.mean((residual[np.searchsorted(places, rows[b])] * units[rows[b]]) ** 2)))
             errors[b] = error if np.isfinite(error) else np.inf
     return errors
 
 
 def _rows(problem: Problem, trials: Sequence[int], part: int, parts: int) -> NDArray[np.intp]:
     """Places of the residuals of one of several stretches of time of these trials."""
-    rows = []
+    rows, among = [], set(trials)
     for segment in problem.segments:
-        if segment.trial in trials:
+        if segment.trial in among:
             first, last = (round(segment.samples * p / parts) for p in (part, part + 1))
             inside = np.zeros((segment.samples, len(segment.labels)), dtype=bool)
             inside[first:last] = True

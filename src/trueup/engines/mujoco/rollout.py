@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -39,6 +40,9 @@ from trueup.reckoned import reckoned_of
 from trueup.recording import Recording, is_command
 from trueup.trial import STEP, Trial, command_of
 
+if TYPE_CHECKING:
+    from trueup.engines.mujoco.lone.loads import InverseDynamics
+
 _ROWS = 4096
 """Simulations at once, of which a robot on four legs takes 12 kB each: thousands of windows with all their starts took GB."""
 
@@ -69,10 +73,11 @@ class MujocoSimulator:
         # None until a run with contacts has shown whether anything touches anything.
         self._touching: bool | None = None if self._can_touch() else False
         self._learning = True
+        self._carried: list[InverseDynamics] = []  # of the joints one by one, shared by twins: motions do not change
 
     def __getstate__(self) -> dict[str, object]:
         """In another process nothing is learned from one call for the next: it must not matter who was asked what before."""
-        return {**self.__dict__, "_learning": False, "_threads": None}
+        return {**self.__dict__, "_learning": False, "_carried": [], "_threads": None}
 
     @property
     def name(self) -> str:
@@ -114,7 +119,10 @@ class MujocoSimulator:
         """Each joint alone, where gears let joints be taken so (see `lone`)."""
         from trueup.engines.mujoco.lone.lone_joints import LoneJoints
 
-        return LoneJoints.of(self, trials)
+        found = LoneJoints.of(self, trials, next(iter(self._carried), None))
+        if found is not None:
+            self._carried[:] = [found.dynamics]
+        return found
 
     def related(self) -> MujocoSimulator | None:
         """See `engines.simulator.Related`: what is not declared at its joints and drives."""
@@ -145,8 +153,11 @@ class MujocoSimulator:
         if not more or len(self.parameters) > len(self.quantities):
             return None
         whole = concatenate([self.parameters, space])
-        return MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
-                               controller=self.controller, gains=self.gains)  # fmt: skip
+        other = MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
+                                controller=self.controller, gains=self.gains)  # fmt: skip
+        if other._touching is None:  # known of the same bodies: contacts cost several times what all else does
+            other._touching = self._touching
+        return other
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
         """The measured channels that this model can reproduce. Raises UnknownNameError for joints it does not have."""

@@ -71,16 +71,21 @@ class Driven:
 
     def __init__(
         self, whole: Parametrised, signals: Signals, trial: int, values: Array, loads: Integers,
-        rigid: Array, step: float,
+        rigid: Array, step: float, beside: Driven | None = None,
     ) -> None:  # fmt: skip
+        """`beside`: drives of the same rows in another trial, which are the same where neither has gains of its own."""
         self._compiled, self._signals, self._trial, self._loads = whole.compiled, signals, trial, loads
         self._step, self.rows = step, len(values)
+        self._start = signals.start(trial)
+        self.usual = not whole.gains.scales([signals.trial(trial).name])
+        if beside is not None and beside.usual and self.usual:
+            self._fields, self._live, self._weight = beside._fields, beside._live, beside._weight
+            return
         self._fields = _Fields(whole.compiled, len(values))
         copies = MujocoAttributes(whole.compiled, self._fields)
         write(whole.quantities, values, copies)
         whole.gains.scale(whole.model, copies, [signals.trial(trial).name], len(values))
         self._live = [(q.kind, q.targets, values[:, c]) for c, q in enumerate(whole.quantities) if q.kind in _LIVE]
-        self._start = signals.starts()[trial]
         armature = self._fields.expand("dof_armature")
         inverse = np.linalg.inv(rigid[loads] + armature[:, None] * np.eye(whole.compiled.nv))
         self._weight = np.diagonal(inverse, axis1=1, axis2=2)

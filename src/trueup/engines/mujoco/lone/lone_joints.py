@@ -46,9 +46,11 @@ class LoneJoints:
         self._dynamics, self._measured = dynamics, measured
 
     @classmethod
-    def of(cls, whole: Parametrised, trials: Sequence[Trial]) -> LoneJoints | None:
-        """None where the joints of these trials cannot be taken one by one: a free base, backlash, drives with a memory, or
-        nothing measured of what moves.
+    def of(
+        cls, whole: Parametrised, trials: Sequence[Trial], known: InverseDynamics | None = None
+    ) -> LoneJoints | None:
+        """With what is `known` of the motions of these trials from another of the same engine. None where joints cannot be
+        taken one by one: a free base, backlash, drives with a memory, or nothing measured of what moves.
         """
         if whole.controller is not None or not alone(whole.compiled, whole.quantities):
             return None
@@ -58,7 +60,13 @@ class LoneJoints:
         measured = {trial.name: trial.initial["position"] for trial in trials}
         if any(measured[trial.name] is not trial.initial["position"] for trial in trials):
             return None
-        return cls(whole, InverseDynamics(whole.batches.bare, whole.quantities), measured, whole.step)
+        dynamics = known or InverseDynamics(whole.batches.bare, whole.quantities)
+        return cls(whole, dynamics, measured, whole.step)
+
+    @property
+    def dynamics(self) -> InverseDynamics:
+        """What joints carry, which is the same for all steps and recordings of one model."""
+        return self._dynamics
 
     @property
     def name(self) -> str:
@@ -99,9 +107,10 @@ class LoneJoints:
         signals = Signals(self.whole.model, self.whole.quantities, trials, values, self.step)
         sets, which = self._dynamics.sets(values)
         rigid = np.stack([self._dynamics.reference(own) for own in sets])
-        done = []
+        done, beside = list[Rollout](), None
         for k, trial in enumerate(trials):
-            driven = Driven(self.whole, signals, k, values, which, rigid, self.step)
+            driven = Driven(self.whole, signals, k, values, which, rigid, self.step, beside)
+            beside = driven if driven.usual else beside
             done.append(self._replayed(signals, driven, k, trial, sets))
         return done
 
