@@ -91,6 +91,32 @@ def test_what_may_stay_at_its_start_value_is_asked_at_once(
     assert (len(looked), len(searched)) == (looks, fits)
 
 
+def test_what_is_held_at_its_start_value_may_leave_others_untold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit that nothing tells any more once the damping is held: both end where they began, and each is asked once."""
+    space = ParameterSpace(tuple(Parameter(name, "", 1.0, 0.0, 10.0) for name in ("gain", "limit", "damping")))
+
+    def untold(problem: Any, found: Fit, *_: Any) -> Choice:
+        some = ("limit",) if found.space["damping"].frozen and not found.space["limit"].frozen else ()
+        return Choice(some, tuple(f"{name} kept" for name in some))
+
+    asked: list[int] = []
+    for name, stub in (
+        ("untold", untold),
+        ("fit", lambda problem, space, *_, **__: _fit(space, 100.0)),
+        ("descended", lambda problem, found, *_: _fit(found.space, 100.0)),
+        ("unit_covariance", lambda *_: np.eye(3)),
+        ("shallow", lambda *_: asked.append(1) or [space["damping"]]),
+        ("missed", lambda *_: []),
+    ):
+        monkeypatch.setattr(chooser, name, stub)
+    problem: Any = SimpleNamespace(chance=lambda residual: 1.0)
+    select = Chooser()
+    found = select.ended(problem, _fit(space, 100.0), Watch(), {"stages": REFINEMENT, "robust": 3.0})
+    assert [p.name for p in found.space.parameters if not p.frozen] == ["gain"]
+    assert sorted(select.choices[0].freeze) == ["damping", "limit"]
+    assert len(asked) == 1
+
+
 def test_a_score_test_finds_what_a_fit_misses_that_holds_it() -> None:
     """Of two held parameters the recordings ask for the second, which only another size of it shows beside the gain."""
     slopes = np.random.default_rng(0).normal(size=(200, 3))

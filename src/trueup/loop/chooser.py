@@ -44,17 +44,17 @@ class Chooser:
         """
         self.choices = self.choices or (Choice((), ()), Choice((), ()))
         self._still(found.space)
-        first, lowest = found, found.loss
+        first, lowest, asked = found, found.loss, False
         while True:
             late = untold(
                 found.shot or found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague
             )
             if not late.freeze:
                 self._take(late)
-                held = self._at_start_values(problem, found, watch, how)
+                held = found if asked else self._at_start_values(problem, found, watch, how)
                 if held is found:
                     return found
-                found, lowest = held, _loss(held, first)  # what was held may have told of others
+                found, lowest, asked = held, _loss(held, first), True  # what is held now may have told of others
                 continue
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
