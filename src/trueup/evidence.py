@@ -23,6 +23,8 @@ HALVED = 0.5
 """Of an error: what may be left of it where something is said to be wrong, or another, and that is mended in a trial. Chance,
 noise and models of a slightly other form do not halve what they did not cause."""
 
+_LARGE = 2.0
+"""Times: larger changes read better as factors than in percent."""
 EXCERPT = 20.0
 """s of motion that a rough fit looks at: what is wrong in it, parallel or lacking, is so in every motion."""
 
@@ -51,7 +53,7 @@ class Evidence:
         if not np.isfinite(self.gain):
             return "without bound"
         size = float(np.exp(abs(self.gain)))
-        if size >= 1.0 / HALVED:
+        if size >= _LARGE:
             change = f"by a factor of {size:.2g}"
         else:
             change = f"by {100.0 * (1.0 - 1.0 / size if self.gain > 0.0 else size - 1.0):.2g} %"
@@ -61,9 +63,7 @@ class Evidence:
         if not np.isfinite(self.standard_error):
             return "nothing tells how sure that is"
         size = float(np.exp(self.standard_error))
-        return (
-            f"standard error {f'a factor of {size:.2g}' if size >= 1.0 / HALVED else f'{100.0 * (size - 1.0):.2g} %'}"
-        )
+        return f"standard error {f'a factor of {size:.2g}' if size >= _LARGE else f'{100.0 * (size - 1.0):.2g} %'}"
 
 
 def evidence(without: Array, with_it: Array, weights: Array | None = None) -> Evidence:

@@ -98,6 +98,7 @@ def at_instant(position: Channel, velocity: Channel | None, time: float) -> Inst
     these are, since each may end the search by chance and then costs the more (O. Lepski, E. Mammen, V. Spokoiny, Ann.
     Statist. 25(3), 1997); and then one of each degree back, so that noise is more than what bends (P. Hall, Ann. Statist.
     20(2), 1992).
+
     At a log's first or last sample, where nothing from the other side averages what bends and motion begins with a kink,
     parabolas only, and two standard errors. The first is one position and one velocity, where both were measured. A speed
     that is not seen to differ from zero is zero.
@@ -147,12 +148,11 @@ def _windows(rows: Array, seen: Array, degrees: Sequence[int]) -> tuple[Array, A
     slope = np.cumsum(rows * seen[:, None], axis=0)
     places = np.cumsum(rows[:, 0] > 0.0)
     both = int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
-    found = [_fitted(normal, slope, 2, [max(both, 2)])]
-    for width in (degree + 1 for degree in degrees):
-        # With a degree of freedom left: as many positions as the polynomial has numbers, and one sample more.
-        counts = [int(np.searchsorted(places, width)) + 2]
-        if len(found) == 1 and both >= counts[0]:
-            found = []
+    # With a degree of freedom left: as many positions as the polynomial has numbers, and one sample more.
+    firsts = {degree + 1: int(np.searchsorted(places, degree + 1)) + 2 for degree in degrees}
+    found = [] if both >= min(firsts.values()) else [_fitted(normal, slope, 2, [max(both, 2)])]
+    for width, first in firsts.items():
+        counts = [first]
         while counts[-1] < len(rows):
             counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
         found.append(_fitted(normal, slope, width, counts))

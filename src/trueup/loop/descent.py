@@ -23,7 +23,7 @@ from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
 
-Progress = Callable[[TracePoint], None]
+Progress = Callable[[TracePoint], None]  # told each step, and the last again while more is simulated
 Checkpoint = Callable[[dict[str, Any]], None]
 
 HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in

@@ -22,12 +22,15 @@ from trueup.inspection.outstanding import NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG
 from trueup.inspection.repeats import BASE
-from trueup.instant import CUBIC, STILL
+from trueup.instant import CUBIC
 from trueup.loop.problem import Problem
 from trueup.noise import OF_MEDIAN, UNUSUAL
 from trueup.recording import Recording
 from trueup.samples import MOST
 from trueup.trial import command_of
+
+_LEAST = 1e-3
+"""rad, m or N m that a command goes at least: encoders see less than that, and numbers are written with as much."""
 
 _JOINTS = "position"
 """The channel in which it is seen."""
@@ -237,7 +240,7 @@ def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
             lambda one: one.commands,
         )
         inside = seen.asked[first : last + 1, :, way].max(axis=0)
-        ratios += [float(v) / max(most[label], STILL) for label, v in zip(seen.commands, inside, strict=True)]
+        ratios += [float(v) / max(most[label], _LEAST) for label, v in zip(seen.commands, inside, strict=True)]
     return max(ratios)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trueup.arrays import Array
 from trueup.loop.descent import SETTLED, Watch
 from trueup.loop.problem import Problem
-from trueup.loop.whole_runs import FALLEN
+from trueup.loop.whole_runs import BEND
 from trueup.parameters import ParameterSpace
 from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
@@ -39,7 +39,7 @@ def evolved(
     while not search.done:
         candidates = search.ask()
         residuals = problem.residuals(space.from_unit(candidates))
-        losses = robust_losses(residuals, FALLEN)
+        losses = robust_losses(residuals, BEND)
         search.tell(candidates, losses)
         watch.save(EVOLVING, space, search.state())
         k = int(np.nanargmin(losses)) if np.isfinite(losses).any() else 0
@@ -70,7 +70,7 @@ def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     blind = weakest[(effect < (4.0 if few else 1.0) * _BLIND)[weakest] | bound[weakest]]
     if not len(blind):
         return None
-    here = float(robust_losses(last.residual[None], FALLEN)[0])
+    here = float(robust_losses(last.residual[None], BEND)[0])
     if _simulated(first) > 0.5 * _simulated(problem):
         point, loss = _along(problem, space, last.point, blind)
         return point if loss < (1.0 - SETTLED) * here else None
@@ -101,7 +101,7 @@ def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArr
 
 def losses_at(problem: Problem, space: ParameterSpace, points: Array) -> Array:
     """(b,) what points in the unit box cost; inf where the simulation fails."""
-    losses = robust_losses(problem.residuals(space.from_unit(points)), FALLEN)
+    losses = robust_losses(problem.residuals(space.from_unit(points)), BEND)
     return np.where(np.isfinite(losses), losses, np.inf)
 
 

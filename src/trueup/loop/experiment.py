@@ -16,7 +16,7 @@ from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion
-from trueup.loop.worth import STEP
+from trueup.loop.worth import MOVED
 from trueup.recording import is_command
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.tasks.task import Task
@@ -71,7 +71,7 @@ def spread_settings(region: TrustRegion, count: int, rng: np.random.Generator) -
 
 def _information(task: Task, simulator: Simulator, belief: Belief, setting: Array, noise: float) -> Array:
     """(f, f) information of the task's trials with one setting (m,); parameters in the unit box."""
-    rows = np.concatenate([belief.values[None], belief.moved(STEP)])
+    rows = np.concatenate([belief.values[None], belief.moved(MOVED)])
     tiled = np.concatenate([rows, np.repeat(setting[None], len(rows), axis=0)], axis=1)
     total = np.zeros((len(rows) - 1, len(rows) - 1))
     for rollout in simulator.rollout(task.trials, tiled, task.controllers):
@@ -91,7 +91,7 @@ def _seen(rollout: Rollout, noise: float) -> Array:
         some = values[:, :: max(1, values.shape[1] // most)]
         span = np.ptp(some[0], axis=0)
         good = span > ROUNDED
-        slopes = ((some[1:] - some[0]) / STEP)[:, :, good] / (noise * span[good])
+        slopes = ((some[1:] - some[0]) / MOVED)[:, :, good] / (noise * span[good])
         flat = np.nan_to_num(slopes.reshape(rows - 1, -1))
         # Model errors last: the samples of a whole run are worth about as much as a hundredth of them would be.
         total += flat @ flat.T * (0.01 if some.shape[1] > 100 else 1.0 / max(1, some.shape[1]))

@@ -15,7 +15,7 @@ from trueup.loop.uncertainty import curvature_inverse
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
 
-REACH = 2.5  # standard deviations to either side, within which replays are looked at: 95 % intervals end at two
+PROBED = 2.5  # standard deviations to either side, within which replays are looked at: 95 % intervals end at two
 ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05
 
 
@@ -29,7 +29,7 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     """
     pairs = 5  # points looked at, each with its mirror image
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
-    points = search.around(REACH, pairs)
+    points = search.around(PROBED, pairs)
     weak = effects(fit) < NO_EFFECT
     points[:, weak] = fit.unit[weak]
     residuals = problem.residuals(fit.space.from_unit(points))

@@ -106,9 +106,8 @@ def shallow(problem: Problem, fit: Fit) -> list[Parameter]:
 
 def _structure(problem: Problem, p: Parameter) -> bool:
     """Whether it is one of a structure, which has been asked about; not a limit that was searched with all else."""
-    return bool(p.optional) or (
-        p.absent is not None and not (is_limit(p) and not problem.simulator.parameters[p.name].optional)
-    )
+    declared = problem.simulator.parameters[p.name]
+    return bool(p.optional) or (p.absent is not None and (bool(declared.optional) or not is_limit(p)))
 
 
 def proof(problem: Problem, fit: Fit) -> float:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.loop.probe import REACH
+from trueup.loop.probe import PROBED
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.shooting import multiple_shooting
@@ -83,9 +83,9 @@ def curvature_of(slopes: Array, weights: Array) -> Array:
 
 
 def axes_of(curvature: Array) -> Array:
-    """(n, n) principal axes of what a curvature leaves open, as columns `REACH` standard deviations long; `OFF` at most."""
+    """(n, n) principal axes of what a curvature leaves open, as columns `PROBED` standard deviations long; `OFF` at most."""
     sizes, axes = np.linalg.eigh(curvature)
-    return axes * np.minimum(REACH / np.sqrt(sizes), OFF)
+    return axes * np.minimum(PROBED / np.sqrt(sizes), OFF)
 
 
 def design(count: int, rng: np.random.Generator) -> Array:

@@ -30,9 +30,7 @@ from trueup.search.robust import robust_weights
 Told = Callable[[int, float], None]
 """Candidates tried, and the lowest loss."""
 
-FALLEN = (
-    5.0  # residuals from which losses grow linearly where runs or places far apart are compared: one fall is not all
-)
+BEND = 5.0  # residuals from which losses grow linearly where runs or places far apart are compared: one fall is not all
 SPREAD = 0.25  # of the prior, as a share of the box
 
 
@@ -143,7 +141,7 @@ class _Descent:
 
     def _steps(self, point: Array, residual: Array, slopes: Array, centre: Array, lambdas: Array) -> Array:
         """(5, n) the next point with several dampings; `slopes` are (n, m)."""
-        share = self._weights * np.sqrt(robust_weights(residual, FALLEN))
+        share = self._weights * np.sqrt(robust_weights(residual, BEND))
         slopes = np.where(np.isfinite(slopes), slopes, 0.0) * share
         pull = self._prior / SPREAD**2
         normal = slopes @ slopes.T + pull * np.eye(len(point))
@@ -155,7 +153,7 @@ class _Descent:
         """(b, m); what fails is far off."""
         values = self._space.from_unit(points)
         found = np.concatenate([p.residuals(values) for p in self._problems], axis=1)
-        return np.where(np.isfinite(found), found, 10.0 * FALLEN)
+        return np.where(np.isfinite(found), found, 10.0 * BEND)
 
     def _losses(self, residuals: Array, points: Array, members: Integers) -> Array:
         away = np.sum(((points - self._centres[members]) / SPREAD) ** 2, axis=1)
@@ -195,4 +193,4 @@ def weights(problem: Problem) -> Array:
 
 
 def _robust(residuals: Array, weights: Array) -> Array:
-    return 2.0 * FALLEN**2 * ((np.sqrt(1.0 + (residuals / FALLEN) ** 2) - 1.0) @ weights**2)
+    return 2.0 * BEND**2 * ((np.sqrt(1.0 + (residuals / BEND) ** 2) - 1.0) @ weights**2)

@@ -20,7 +20,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.whole_runs import SPREAD, weights
 from trueup.parameters import ParameterSpace
 
-STEP = 0.01  # share of the box by which a parameter is moved to see its effect
+MOVED = 0.01  # share of the box by which a parameter is moved to see its effect
 SAMPLES = 50.0
 """Independent samples that a channel of a whole run is worth: what `whole_runs` weighs against its prior (1 / 0.02)."""
 
@@ -162,7 +162,7 @@ def slopes(problem: Problem, space: ParameterSpace, at: Array) -> Array:
     """(f, m) weighted residuals by free parameters, in shares of the box; 0 where a simulation failed."""
     f = np.arange(len(at))
     points = np.repeat(at[None], 2 * len(at), axis=0)  # to both sides: what bends is no difference between parameters
-    points[f, f], points[len(at) + f, f] = np.minimum(at + STEP, 1.0), np.maximum(at - STEP, 0.0)
+    points[f, f], points[len(at) + f, f] = np.minimum(at + MOVED, 1.0), np.maximum(at - MOVED, 0.0)
     residuals = problem.residuals(space.from_unit(points))
     width = points[f, f] - points[len(at) + f, f]
     found = (residuals[: len(at)] - residuals[len(at) :]) / width[:, None] * weights(problem)

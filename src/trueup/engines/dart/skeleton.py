@@ -12,7 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.mujoco.floor_plane import plane_of, turned
-from trueup.engines.mujoco.shapes import FLOOR
+from trueup.engines.mujoco.shapes import PLATE
 from trueup.errors import ModelError
 
 _GEOM = mujoco.mjtGeom
@@ -67,7 +67,7 @@ def lay_floor(model: mujoco.MjModel, world: Any, height: float, tilt: Array) -> 
     own = plane_of(model)
     (turn,) = turned(model.geom_quat[own], *np.asarray(tilt)[:, None])
     for shape in shapes_of(world, plane_name(model)):
-        shape.setRelativeTransform(_placed(np.array([*model.geom_pos[own, :2], height]), turn, -FLOOR[2]))
+        shape.setRelativeTransform(_placed(np.array([*model.geom_pos[own, :2], height]), turn, -PLATE[2]))
 
 
 def _placed(position: Array, quaternion: Array, offset: float = 0.0) -> Any:
@@ -155,7 +155,7 @@ def _shape(model: mujoco.MjModel, geom: int, hulls: Mapping[int, Any]) -> tuple[
     """A shape, and how far along its own z axis it has to be moved, in m. Raises ModelError."""
     dynamics, kind, (a, b, c) = dartpy.dynamics, int(model.geom_type[geom]), model.geom_size[geom]
     if kind == _GEOM.mjGEOM_PLANE:
-        return dynamics.BoxShape([2 * half for half in FLOOR]), -FLOOR[2]
+        return dynamics.BoxShape([2 * half for half in PLATE]), -PLATE[2]
     if kind == _GEOM.mjGEOM_BOX:
         return dynamics.BoxShape([2 * a, 2 * b, 2 * c]), 0.0
     if kind == _GEOM.mjGEOM_SPHERE:

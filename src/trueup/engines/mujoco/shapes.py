@@ -15,7 +15,7 @@ from trueup.rounding import ROUNDED
 _DENSITY = 2000.0
 """kg/m^3 of a link as a whole: aluminium castings with motors in them."""
 _THIN, _THICK = 0.025, 0.15
-FLOOR = (20.0, 20.0, 1.0)
+PLATE = (20.0, 20.0, 1.0)
 """m: half sides of the plate that stands for a plane."""
 
 
@@ -94,7 +94,7 @@ def with_floor(spec: mujoco.MjSpec, compiled: mujoco.MjModel, floor: float | str
     height = _underside(compiled) if isinstance(floor, str) else float(floor)
     plate = spec.worldbody.add_geom()
     plate.name, plate.type = "floor", mujoco.mjtGeom.mjGEOM_BOX
-    plate.size, plate.pos = list(FLOOR), [0.0, 0.0, height - FLOOR[2]]
+    plate.size, plate.pos = list(PLATE), [0.0, 0.0, height - PLATE[2]]
     return [f"floor at {height:.3g} m" + (" (assumed; give another with --floor)" if isinstance(floor, str) else "")]
 
 
@@ -137,5 +137,5 @@ def box(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[Array, A
     """Centre (3,), rotation (3, 3) and half sides (3,) of the box about a geom, in the world."""
     turn = data.geom_xmat[geom].reshape(3, 3)
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE):  # a plate below it
-        return data.geom_xpos[geom] - FLOOR[2] * turn[:, 2], turn, np.array(FLOOR)
+        return data.geom_xpos[geom] - PLATE[2] * turn[:, 2], turn, np.array(PLATE)
     return data.geom_xpos[geom] + turn @ model.geom_aabb[geom, :3], turn, np.array(model.geom_aabb[geom, 3:])
