@@ -103,6 +103,14 @@ def test_missing_samples_and_labels_are_no_state() -> None:
     assert np.isnan(found.value[1])
 
 
+def test_logs_of_few_samples_a_second_have_speeds_too() -> None:
+    slow = np.arange(0.0, 4.0, 0.2)
+    place, _ = swung(slow)
+    found = at_instant(Channel("p", ("j",), "rad", slow, place), None, 2.05)
+    assert found.speed[0] == pytest.approx(float(swung(np.array(2.05))[1]), abs=0.2)
+    assert np.isfinite(found.speed_sd[0])
+
+
 @pytest.mark.parametrize("rate", [60.0, 90.0, 125.0, 240.0])
 def test_stamps_in_whole_milliseconds_have_the_rate_at_which_they_were_taken(rate: float) -> None:
     time = np.round(np.arange(0.0, 20.0, 1.0 / rate), 3)

@@ -90,18 +90,19 @@ def rate_noise(step: float) -> float:
 
 @lru_cache(maxsize=_KEPT)
 def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
-    """The state at `time` by a parabola or a cubic through positions, and measured velocities of the same labels, around it.
+    """The state at `time` by a polynomial through positions, and measured velocities of the same labels, around it.
 
-    Long windows average noise, short ones follow the motion, and so do parabolas and cubics: of all, in the order of how well
-    they know the speed, the last is taken whose estimates lie within two standard errors of those of all before (O. Lepski,
-    Theory Probab. Appl. 35(3), 1990; A. Goldenshluger and A. Nemirovski, Math. Methods Stat. 6(2), 1997), of more the noisier
-    these are, since each may end the search by chance and then costs the more (O. Lepski, E. Mammen, V. Spokoiny, Ann.
-    Statist. 25(3), 1997); and then one of each degree back, so that noise is more than what bends (P. Hall, Ann. Statist.
-    20(2), 1992).
+    Long windows average noise, short ones follow the motion: of all, in the order of how well they know the speed, the last
+    is taken whose estimates lie within two standard errors of those of all before (O. Lepski, Theory Probab. Appl. 35(3),
+    1990; A. Goldenshluger and A. Nemirovski, Math. Methods Stat. 6(2), 1997), and then an earlier one, so that noise is more
+    than what bends (P. Hall, Ann. Statist. 20(2), 1992). A speed that is not seen to differ from zero is zero.
 
-    At a log's first or last sample, where nothing from the other side averages what bends and motion begins with a kink,
-    parabolas only, and two standard errors. The first is one position and one velocity, where both were measured. A speed
-    that is not seen to differ from zero is zero.
+    Inside a log cubics, which follow a motion further, and parabolas beside them where velocities were measured: two windows
+    back, and of more standard errors the noisier a window is, since each may end the search by chance and then costs the more
+    (O. Lepski, E. Mammen, V. Spokoiny, Ann. Statist. 25(3), 1997).
+    At a log's first or last sample, where nothing from the
+    other side averages what bends and motion begins with a kink, and where few samples are near, parabolas: one window back,
+    two standard errors. The first window is one position and one velocity, where both were measured.
     """
     return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 5).T)
 
@@ -113,6 +114,7 @@ def _state(
     t, rows, seen = _samples(position, label, time, 0)
     if not len(t):
         return np.nan, np.nan, np.nan, np.nan, np.nan
+    enough = len(t) > 4  # positions for a cubic that has a degree of freedom left
     level = float(seen[0] / rows[0, 0])
     seen = seen - level * rows[:, 0]
     rates = velocity if velocity is not None and label in velocity.labels else None
@@ -120,7 +122,7 @@ def _state(
         more = _samples(rates, label, time, 1)
         t, rows, seen = (np.concatenate(pair) for pair in zip((t, rows, seen), more, strict=True))
     order = np.argsort(np.abs(t), kind="stable")
-    between = bool(np.any(t < 0.0) and np.any(t > 0.0))
+    between = enough and bool(np.any(t < 0.0) and np.any(t > 0.0))
     degrees = (2, 3) if between else (2,)
     states, covariances = _windows(rows[order], seen[order], degrees)
     if not len(states):
@@ -142,15 +144,19 @@ def _state(
 
 def _windows(rows: Array, seen: Array, degrees: Sequence[int]) -> tuple[Array, Array]:
     """(w, 3) value, speed and acceleration by the samples (n, 4), (n,) of each window, the nearest first, and (w, 2, 2)
-    covariances, by polynomials of each degree, in the order of how well they know the speed, the least first.
+    covariances, in the order of how well they know the speed, the least first: by polynomials of the highest degree,
+    and where speeds were measured by those of each.
     """
     normal = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
     slope = np.cumsum(rows * seen[:, None], axis=0)
     places = np.cumsum(rows[:, 0] > 0.0)
-    both = int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
+    paces = np.arange(1, len(rows) + 1) - places
+    both = int(max(np.searchsorted(places, 1), np.searchsorted(paces, 1))) + 1
     # With a degree of freedom left: as many positions as the polynomial has numbers, and one sample more.
     firsts = {degree + 1: int(np.searchsorted(places, degree + 1)) + 2 for degree in degrees}
-    found = [] if both >= min(firsts.values()) else [_fitted(normal, slope, 2, [max(both, 2)])]
+    found = [_fitted(normal, slope, 2, [both])]
+    if both >= min(firsts.values()):  # no speed was measured near
+        found, firsts = [], {max(firsts): firsts[max(firsts)]}
     for width, first in firsts.items():
         counts = [first]
         while counts[-1] < len(rows):
