@@ -98,7 +98,10 @@ def with_ties(
 
 def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estimate:
     reaches = np.array([o.reach(float(o.trade[place])) for o in others]).reshape(-1, 2)
-    down, up = np.sqrt(np.array([e.value - e.low, e.high - e.value]) ** 2 + np.sum(reaches**2, axis=0))
+    steps = np.array([o.parameter.name == STEP for o in others], dtype=bool)
+    down, up = np.sqrt(np.array([e.value - e.low, e.high - e.value]) ** 2 + np.sum(reaches[~steps] ** 2, axis=0))
+    # The error of a step is no draw about zero: the whole of it comes on top of what is drawn.
+    down, up = np.array([down, up]) + np.sum(reaches[steps], axis=0)
     width = e.high - e.low
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
     if e.verdict not in ("identified", "weak") or not wide.high - wide.low > RULED * width:

@@ -21,8 +21,10 @@ from trueup.engines.simulator import related_of
 from trueup.evidence import EXCERPT
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
+from trueup.loop.uncertainty import FORETOLD
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
+from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_weights
 from trueup.verdicts import PRIOR, vague
 
@@ -94,7 +96,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     asked = [*undecided, *range(len(free), len(parameters))]
     part, units = _excerpt(problem), fit.space.unit_slope(fit.values)
     wider = part if other is None else part.by(other)
-    slopes, residual = _slopes(wider if fit.coarse_step is None else wider.at_step(fit.coarse_step), fit, beside, more)
+    slopes, residual = _slopes(wider, fit, beside, more)
     slopes[:, : len(free)] *= units[:, None]
     seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():
@@ -117,12 +119,34 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 1993, II.3).
     """
     step = problem.simulator.step
-    own, finer = (p.residuals(fit.values[None])[0] for p in (problem, problem.at_step(0.5 * step)))
+    own, twin = problem.residuals(fit.values[None])[0], problem.at_step(0.5 * step)
+    finer = twin.residuals(fit.values[None])[0]
     if not np.isfinite(finer).all():
         return []
     slope = (own - finer) / (0.5 * step)
-    trade, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
-    return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step, left, pull)]
+    _, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
+    moved = fit.space.from_unit(_settled(twin, fit, slopes, own, finer)) - fit.values
+    whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved[fit.space.free], 0.0)
+    return [Considered(Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step), 0.0, step, left, pull)]
+
+
+def _settled(twin: Problem, fit: Fit, slopes: _Slopes, own: Array, finer: Array) -> Array:
+    """(n_free,) where in the unit box the `twin` of a problem pulls as little as the problem does at the fit, where it leaves
+    its `own` residuals and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by
+    the slopes of the problem, for as long as there is more than chance to correct, and ever less.
+    """
+    boxed, at, before = slopes.boxed[0, : len(slopes.units)], fit.unit, np.inf
+    curvature = (boxed * slopes.weights) @ boxed.T + PRIOR * np.eye(len(boxed))
+    chance = float(np.mean(slopes.weights * own**2))
+    while np.isfinite(finer).all():
+        pull = boxed @ (slopes.weights * (finer - own))
+        step = damped_step(curvature, pull, 0.0, at)
+        left = gain(curvature, pull, step)
+        if not chance < left < before:
+            break
+        before, at = left, np.clip(at + np.clip(step, -FORETOLD, FORETOLD), 0.0, 1.0)
+        finer = twin.residuals(fit.space.from_unit(at)[None])[0]
+    return at
 
 
 def nuisance(others: Sequence[Considered]) -> Nuisance | None:
@@ -203,9 +227,14 @@ def _slopes(problem: Problem, fit: Fit, beside: Sequence[int], more: Sequence[Pa
     steps = np.array(
         [_STEP * (max(base[i], _STEP * p.upper) if p.scale == "log" else p.upper - p.lower) for i, p in moved]
     )
+    # Beyond a bound a simulation may fail: what is at one is moved to the other side alone.
+    room = np.array([[p.upper - base[i], base[i] - p.lower] for i, p in moved]).T
+    up, down = np.minimum(steps, room)
     rows = np.repeat(base[None], 2 * len(moved) + 1, axis=0)
-    rows[np.arange(len(moved)), places] += steps
-    rows[len(moved) + np.arange(len(moved)), places] -= steps
+    rows[np.arange(len(moved)), places] += up
+    rows[len(moved) + np.arange(len(moved)), places] -= down
     residuals = problem.residuals(rows)
-    up, down = residuals[: len(moved)] - residuals[-1], residuals[-1] - residuals[len(moved) : -1]
-    return np.stack([0.5 * (up + down), 0.5 * (up - down)]) / steps[:, None], residuals[-1]
+    higher = (residuals[: len(moved)] - residuals[-1]) / np.maximum(up, TINY)[:, None]
+    lower = (residuals[-1] - residuals[len(moved) : -1]) / np.maximum(down, TINY)[:, None]
+    higher, lower = np.where((up > 0.0)[:, None], higher, lower), np.where((down > 0.0)[:, None], lower, higher)
+    return np.stack([0.5 * (higher + lower), 0.5 * (higher - lower)]), residuals[-1]
