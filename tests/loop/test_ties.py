@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, Estimate
 from trueup.loop.belief import Belief
 from trueup.loop.calibrate import Options
 from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
+from trueup.loop.ties import Considered
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -110,3 +111,14 @@ def test_what_a_campaign_does_not_ask_for_is_not_taken_as_known(tmp_path: Path) 
     assert damping.min() < 0.2
     assert damping.max() > 0.5
     assert kv + damping == pytest.approx(2.5, rel=0.1)
+
+
+def test_what_trades_against_all_others_is_no_difference_of_two() -> None:
+    """A sum that no parameter could be is not said to be seen; by how much they go together is."""
+    other = Parameter("right.armature", "kg", 0.1, 0.0, 5.0)
+    damping = Estimate("left.damping", "N s/m", 10.0, 74.9, 0.1, 500.0, 0.1, 500.0, True, "identified", "")
+    for trade, said in ((4290.0, "seen with right.armature only: +4.29e+03 N s/m for each kg of it"),
+                        (-100.0, "only left.damping + 100 x right.armature is seen: 84.9")):  # fmt: skip
+        owed = Considered(other, np.array([trade]), 0.0, 5.0, np.zeros(1), 0.0)
+        assert said in owed.words(damping, trade)
+        assert "right.armature stays at 0.1" in owed.words(damping, trade)

@@ -69,12 +69,14 @@ class Considered:
                 f"{e.value - trade * p.nominal:.4g} {e.unit}".rstrip()
             )
         value, low, high = (x - trade * p.nominal for x in (e.value, e.low, e.high))
+        held = f"{p.name} {'is' if self.calibrated else 'stays at'} {p.nominal:.4g}"
+        held += "" if self.calibrated else ", as the model has it"
+        if not e.lower_bound <= value <= e.upper_bound:  # what trades against others in turn, as all that scales
+            return f"seen with {p.name} only: {trade:+.3g} {e.unit or '1'} for each {p.unit or '1'} of it; {held}"
         other = p.name if f"{size:.2g}" == "1" else f"{size:.3g} x {p.name}"
         sign = "+" if trade < 0.0 else "-"
         return (
-            f"only {e.name} {sign} {other} is seen: {value:.4g} [{low:.4g}, {high:.4g}] {e.unit}".rstrip()
-            + f"; {p.name} {'is' if self.calibrated else 'stays at'} {p.nominal:.4g}"
-            + ("" if self.calibrated else ", as the model has it")
+            f"only {e.name} {sign} {other} is seen: {value:.4g} [{low:.4g}, {high:.4g}] {e.unit}".rstrip() + f"; {held}"
         )
 
 
