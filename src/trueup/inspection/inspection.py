@@ -19,7 +19,9 @@ from trueup.samples import MOST, stretches_of
 
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
 _MEASURED = ("position", "velocity", "torque", "current")
-_STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
+STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
+"""How long what has come to its stop rests there in one go, in s and in samples (turning points of a motion pass sooner), and
+for which share of a recording in all."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,7 @@ def _rests(there: Mask, time: Array) -> bool:
     starts, stops = stretches_of(there).T - [[0], [1]]
     longest = int(np.argmax(stops - starts))
     seconds = float(time[stops[longest]] - time[starts[longest]])
-    return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= _STUCK_SECONDS)
+    return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= STUCK_SECONDS)
 
 
 def _is_pushed(channel: Channel, label: str, extreme: float, there: Mask, recording: Recording) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array, Mask
+from trueup.inspection.diagnosis import few
 from trueup.noise import spread
 from trueup.recording import Recording
 
@@ -19,8 +20,6 @@ _NEIGHBOURS, _NOISE, _RANGE = 8.0, 12.0, 0.05
 exceeds all three."""
 _MANY = 0.02
 """Share of samples from which on it is the signal that is so."""
-_LISTED = 4
-"""Spikes that a sentence names one by one."""
 
 
 def without_lone_spikes(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -50,15 +49,15 @@ def lone_spikes(recording: Recording) -> tuple[Recording, str]:
     gone = np.argwhere(np.isfinite(position.values) & ~np.isfinite(values))
     if not len(gone):
         return recording, ""
-    shown = ", ".join(
+    shown = few([
         f"{position.labels[j]} {_shown(float(position.values[i, j]), position.unit_of(position.labels[j]))} at "
         f"{position.time[i]:.4g} s"
-        for i, j in gone[:_LISTED].tolist()
-    )
+        for i, j in gone.tolist()
+    ])  # fmt: skip
     samples = "a lone sample is" if len(gone) == 1 else f"{len(gone)} lone samples are"
     said = (
         f"position: {samples} far outside what is around and back at once, as of errors on a bus "
-        f"({shown}{' ...' * (len(gone) > _LISTED)}): counted as missing"
+        f"({shown}): counted as missing"
     )
     return recording.with_channel(position.replace(values=values)), said
 
