@@ -95,8 +95,8 @@ def _voltages(recording: Recording) -> tuple[float, ...]:
     for name in _VOLTAGES:
         if recording.has(name):
             channel = recording.channel(name)
-            known = np.isfinite(channel.values).all(axis=1)
-            time, values = channel.time[known], channel.values[known].mean(axis=1)
+            known = np.isfinite(channel.values).any(axis=1)
+            time, values = channel.time[known], np.nanmean(channel.values[known], axis=1)
             line = np.polynomial.Polynomial.fit(time, values, int(len(time) > 1)) if len(time) else None
             found = () if line is None else tuple(line(time[[0, -1]]).tolist())
             return found if found and min(found) > 0.0 else ()
