@@ -22,9 +22,6 @@ EVERY = 0.25
 STRETCH = 10.0
 """In s: what is left out together, several times as long as a prediction."""
 SIDES = ("position along the vehicle", "position across the vehicle", "heading")
-REACHES = (0.5, 2.0)
-"""Ways (as driven in the second half of a prediction) over which places are alike: less is a mean in each error, and where it
-is more, drives that pass far beside one another tell as much. Left-out stretches say which."""
 _ENOUGH = 300  # places of which a map of errors is made: the work grows with their cube, and drives come by again
 TOLD, DRIVEN, FACED = "what was commanded", "how long the vehicle had driven", "which way the vehicle faced"
 PLACED = "where the vehicle was"
@@ -154,8 +151,7 @@ def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[
         return _left_out(each, horizon, (told - told.mean(axis=0)) / (told.std(axis=0) + TINY))
     # Predictions that tell the same are left out together, passes by a place are not: each counts as one.
     alike = np.sqrt(horizon / EVERY)
-    tried = [_left_out(each, horizon, alike * _over_places(told, reach)) for reach in REACHES]
-    return [max(found, key=lambda e: e.gain) for found in zip(*tried, strict=True)]
+    return _left_out(each, horizon, alike * _over_places(told))
 
 
 def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evidence]:
@@ -176,13 +172,14 @@ def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evide
     return [evidence(a, b, a**2) for a, b in zip(np.transpose(without), np.transpose(with_it), strict=True)]
 
 
-def _over_places(places: Array, reach: float) -> Array:
+def _over_places(places: Array) -> Array:
     """(S, F) features on which a ridge is a Gaussian process over places (x, y, heading, way): what is the same for all who
-    come by, and what turns round with the heading, as a slope does. It is smooth over `reach` times the way in which errors
-    arise. C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning, 2006, sections 2.1 and 8.1 (of some places).
+    come by, and what turns round with the heading, as a slope does. It is smooth over the way in which errors arise: an error
+    is the mean of less, and of more, drives that pass far beside one another tell as much. C. Rasmussen, C. Williams,
+    Gaussian Processes for Machine Learning, 2006, sections 2.1 and 8.1 (of some places).
     """
     some = places[:: int(np.ceil(len(places) / _ENOUGH))]
-    length = reach * max(float(np.mean(places[:, 3])), TINY)
+    length = max(float(np.mean(places[:, 3])), TINY)
     values, vectors = np.linalg.eigh(_alike(some, some, length))
     kept = values > ROUNDED * values[-1]
     return np.asarray(_alike(places, some, length) @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=np.float64)
