@@ -13,13 +13,15 @@ from trueup.errors import ClockError, FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
 from trueup.instant import usual_step
+from trueup.rounding import DATE
 from trueup.samples import COUNTS
-from trueup.units import canonical, size_of
+from trueup.units import canonical, numbers_of, size_of
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 SLOWEST, FASTEST = 2.0, 20_000.0
 _ROUNDS = tuple(counts * size_of(unit) for counts in COUNTS for unit in ("ms", "us", "ns"))
-_EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
+_DATED = DATE, DATE * numbers_of("ms")
+"""s since 1970 of what is a date, in one unit alone: each is a thousand times the next."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def guess_unit(name: str, values: Array) -> str:
     rated = [unit for unit, size in sizes.items() if SLOWEST <= 1.0 / (step * size) <= FASTEST]
     # Microseconds from half an hour ago look like a date in seconds, at which nothing would be sampled.
     for unit in rated or sizes:
-        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * sizes[unit] < _EPOCH_SECONDS[1]:
+        if _DATED[0] < abs(float(finite[0])) * sizes[unit] < _DATED[1]:
             return unit
     return rated[0] if rated else "s"
 
