@@ -16,11 +16,10 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import EXPLAINED, FEWEST_PARTS, Evidence, evidence
 from trueup.rounding import ROUNDED, TINY
+from trueup.tracking.windows import LENGTH
 
 EVERY = 0.25
 """In s between predictions."""
-STRETCH = 10.0
-"""In s: what is left out together, several times as long as a prediction."""
 SIDES = ("position along the vehicle", "position across the vehicle", "heading")
 _ENOUGH = 300  # places of which a map of errors is made: the work grows with their cube, and drives come by again
 TOLD, DRIVEN, FACED = "what was commanded", "how long the vehicle had driven", "which way the vehicle faced"
@@ -106,7 +105,7 @@ def unexplained(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
 
 def _stretches(each: Sequence[Astray]) -> int:
     """How many stretches can be left out in turn."""
-    return sum(len(np.unique(a.begun // STRETCH)) for a in each)
+    return sum(len(np.unique(a.begun // LENGTH)) for a in each)
 
 
 def _sizes(each: Sequence[Astray]) -> Array:
@@ -156,7 +155,7 @@ def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[
 
 def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evidence]:
     """The evidence of a ridge regression on columns of `told` (S, F)."""
-    parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // STRETCH)]
+    parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // LENGTH)]
     if len(parts) < FEWEST_PARTS:
         return [Evidence(0.0, float("inf"))] * len(SIDES)
     drive = np.concatenate([np.full(len(a.begun), k) for k, a in enumerate(each)])
@@ -164,8 +163,8 @@ def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evide
     table = np.column_stack([np.ones(len(told)), told])
     without, with_it = [], []
     for k, n in parts:
-        left = (drive == k) & (begun // STRETCH == n)
-        apart = (drive != k) | (begun < n * STRETCH - horizon) | (begun > (n + 1) * STRETCH + horizon)
+        left = (drive == k) & (begun // LENGTH == n)
+        apart = (drive != k) | (begun < n * LENGTH - horizon) | (begun > (n + 1) * LENGTH + horizon)
         rest = errors[left] - table[left] @ _ridge(table[apart], errors[apart], horizon / EVERY)
         without.append(np.sqrt(np.mean(errors[left] ** 2, axis=0)))
         with_it.append(np.sqrt(np.mean(rest**2, axis=0)))

@@ -15,7 +15,7 @@ from trueup.rounding import SAME_INSTANT
 from trueup.tracking.heading import telling
 
 LENGTH = 6.0
-"""In s: long enough to see a delay and a curve, too short to drift far away."""
+"""In s: long enough to see a delay and a curve, too short to drift far away; what is left out together of drives."""
 _BEFORE = 20.0
 """In s: commands that come before. A steering that is limited in speed is where those have brought it that it took since it
 stood at its other end: at the slowest that is searched (`steering_rate_limit`, 0.1 rad/s) 2 rad.
