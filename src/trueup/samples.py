@@ -17,6 +17,9 @@ MOST = 0.5
 MOSTLY = 0.9
 """Of a whole: what is so for as much of it counts as so for all. The tenth that is left are rows that a log has lost, samples
 with errors of a bus, moments in which a robot turns round."""
+NEIGHBOURS = 3
+"""Samples on either side, by whose median one is judged: faults of up to three samples stand out of it, and a step, which has
+its like on one side, does not."""
 _UNIT_NORM = 0.1
 """How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
 

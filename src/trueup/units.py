@@ -169,6 +169,17 @@ def to_si(unit: str) -> tuple[str, float, float]:
     return _UNITS[plain]
 
 
+def size_of(unit: str) -> float:
+    """How many SI units one of `unit` is: a thousandth for mm. Raises UnknownNameError as `to_si`."""
+    _, factor, _ = to_si(unit)
+    return factor
+
+
+def numbers_of(unit: str) -> float:
+    """How many of `unit` one SI unit is: a thousand for mm. Raises UnknownNameError as `to_si`."""
+    return 1.0 / size_of(unit)
+
+
 def hardly_radians(largest: float, reach: float = FURTHEST_TURN) -> bool:
     """Whether angles are too large to be in rad: the `largest` of them is beyond the `reach` [rad] of what turns."""
     return largest > reach

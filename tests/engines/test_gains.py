@@ -152,7 +152,7 @@ def test_a_battery_that_goes_down_within_a_log_is_named(model: Path) -> None:
     volts[::40] -= 2.0  # what a start of all drives takes for a moment
     battery = Channel("voltage", ("battery",), "V", log.time, volts[:, None])
     sags = log.with_channel(battery)
-    assert any("voltage changes within recordings ('long' 12.3 to 10.3)" in n for n in prepare(model, [sags]).notes)
+    assert any("voltage changes within recordings ('long' 12.3 to 10.1)" in n for n in prepare(model, [sags]).notes)
     steady = log.with_channel(battery.replace(values=(volts / left)[:, None]))
     assert not any("voltage" in note for note in prepare(model, [steady]).notes)
 

@@ -241,9 +241,20 @@ def test_ideal_torques_and_a_1_khz_log_are_told_from_real_ones(real_data: Path) 
 
 def test_commands_that_were_logged_when_they_changed_have_no_jitter_to_mend() -> None:
     rng = np.random.default_rng(0)
-    changes = TIME[np.sort(rng.choice(len(TIME), len(TIME) // 20, replace=False))]
-    late = np.arange(len(changes)) * 0.1 + rng.uniform(0.0, 0.08, len(changes))
-    for time, said in ((changes, False), (late, True)):
-        found = inspect(recording(channel("position", noisy(angle(TIME))), channel("command", angle(time), time=time)))
-        assert any("log the time at which each was taken" in words for words in found.findings()) == said
-        assert any("only changes were logged" in words for words in found.findings()) != said
+    time = TIME[np.sort(rng.choice(len(TIME), len(TIME) // 20, replace=False))]
+    found = inspect(recording(channel("position", noisy(angle(TIME))), channel("command", angle(time), time=time)))
+    assert not any("log the time at which each was taken" in words for words in found.findings())
+    assert any("only changes were logged" in words for words in found.findings())
+
+
+@pytest.mark.parametrize("lost", [0, 3])
+def test_stamps_that_scatter_are_said_to_be_wrong_where_motion_is_smoother_without(lost: int) -> None:
+    rng = np.random.default_rng(0)
+    scattered = TIME + rng.uniform(-0.4, 0.4, len(TIME)) / RATE
+    keep = np.ones(len(TIME), dtype=bool)
+    keep[[500, 501, 1200][:lost]] = False
+    small = rng.normal(0.0, 1e-4, len(TIME))
+    for taken, wrong in ((TIME, True), (scattered, False)):
+        values = (angle(taken) + small)[keep]
+        found = inspect(recording(channel("position", values, time=scattered[keep])))
+        assert any("log the time at which each was taken" in words for words in found.findings()) == wrong

@@ -19,14 +19,14 @@ from trueup.reckoned import reckoned_of
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import between, is_unit
-from trueup.units import GRAVITY, to_si
+from trueup.units import GRAVITY, numbers_of, to_si
 
 CALM = 1.0  # s over which steps and pushes average out, and gravity stays
 _FASTEST = 35.0
 """rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
 _COUNTS = 100.0  # times gravity in g: units that anyone uses are below, raw numbers of a converter are beyond
 _ACCELERATIONS = {"m/s^2": GRAVITY, "g0": 1.0, "mg": 1000.0}
-RATES = {unit: 1.0 / to_si(unit)[1] for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
+RATES = {unit: numbers_of(unit) for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
 _NAMES = {"g0": "g", "mg": "thousandths of g"}
 
 

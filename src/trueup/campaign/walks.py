@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 AnyWalk = TypeVar("AnyWalk", bound="Walk")
 
-_PUSH = 0.02  # of the robot's weight
 COARSE = 0.005
 """s: the step of the study of walks (`studies/walk/scenes.py`); a longer one is never taken by itself."""
 
@@ -31,7 +30,7 @@ class Unrest:
     """What a simulated walk is disturbed by, so that what walks there has a margin."""
 
     push: float | None = None
-    """N, deviation of a force on the base that wanders; None: two hundredths of the robot's weight."""
+    """N, deviation of a force on the base that wanders; None: `share` of the robot's weight."""
     zero: float = 0.008
     """rad, deviation by which each joint of a leg is off throughout a run."""
     gyro: float = 0.03
@@ -40,12 +39,13 @@ class Unrest:
     """rad/s, deviation by which gyros are off throughout a run."""
     accelerometer: float = 0.3
     """m/s2, noise."""
+    share: float = 0.02
 
     def disturbances(self, model: Model, base: str, motors: Sequence[str]) -> tuple[Disturbance, ...]:
         """Of a model whose base is this body and whose legs are moved by these joints' motors."""
         m = model.compiled
         weight = float(m.body_subtreemass[0]) * float(abs(m.opt.gravity[2]))
-        push = _PUSH * weight if self.push is None else self.push
+        push = self.share * weight if self.push is None else self.push
         return Buffeting(base, push), CommandNoise(self.zero, tuple(motors), every=1e3)
 
     def sensing(self, latency: float, gyro: str = "gyro", accelerometer: str = "accelerometer") -> tuple[Sensing, ...]:

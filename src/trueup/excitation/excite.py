@@ -220,7 +220,7 @@ def _free(
 def _series(wish: Wish, limits: JointLimits) -> Fourier | Sines:
     seconds = _period(wish)
     if wish.motion == "fourier":
-        return Fourier(limits, seconds, int(np.clip(round(0.5 * seconds), 4, 10)))
+        return Fourier.lasting(limits, seconds)
     if wish.motion == "sines":
         return Sines(limits, longest=seconds)
     raise IdentificationError(f"motion '{wish.motion}' is unknown; motions are: fourier, sines, via-points")

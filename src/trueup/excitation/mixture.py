@@ -38,8 +38,6 @@ GENTLE, ABRUPT = Settings(ramp=0.25), Settings(ramp=0.1)
 """How suddenly a planner reaches its speed: local identification, section III-D."""
 _LOOKS = 20
 """Random postures from which one is taken that can be reached."""
-_HARMONICS = 4
-"""Terms of a Fourier series."""
 _DRAWS = 200
 """Motions of a class that are drawn at most."""
 _BEFORE = 1e-4
@@ -146,7 +144,7 @@ def wide_classes(
     """
     among, around = (x.within(range_share=0.8) for x in (limits, free or limits))
     return {
-        "series": Series(Fourier(around, length, _HARMONICS), limits, home, rate),
+        "series": Series(Fourier.lasting(around, length), limits, home, rate),
         "gentle moves": Moves(limits, among, home, GENTLE, clear=clear, rate=rate),
         "abrupt moves": Moves(limits, among, home, ABRUPT, clear=clear, rate=rate),
     }
@@ -157,7 +155,7 @@ def local_classes(
 ) -> dict[str, Draw]:
     """Motions with the tool in a region, from its middle and back; `limits`: ranges of the joints that keep it there."""
     return {
-        "series": Series(Fourier(limits, length, _HARMONICS), cell.limits, cell.posture, rate),
+        "series": Series(Fourier.lasting(limits, length), cell.limits, cell.posture, rate),
         "fast moves": ToolMoves(cell, settings, rate=rate),
         "abrupt moves": ToolMoves(cell, replace(settings, ramp=ABRUPT.ramp), rate=rate),
     }

@@ -33,7 +33,6 @@ from trueup.errors import ModelError
 from trueup.identification.kinematic_tree import exponential, of_quaternion
 from trueup.typed_toml import build, check_finite
 
-CONE = math.radians(30.0)
 Three = tuple[float, float, float]
 
 
@@ -48,8 +47,8 @@ class _Box:
 @dataclass(frozen=True)
 class _Orientation:
     centre: tuple[float, float, float, float] | None = None
-    cone: float = CONE
-    spin: float = CONE
+    cone: float = math.radians(30.0)
+    spin: float = cone
 
 
 @dataclass(frozen=True)
@@ -69,8 +68,8 @@ class Region:
     size: Array
     orientation: Array | None = None
     """Rotation (3, 3) tool to base in the middle of the cone; None: that of the posture."""
-    cone: float = CONE
-    spin: float = CONE
+    cone: float = _Orientation.cone
+    spin: float = _Orientation.spin
     link: str | None = None
     tool: Array = field(default_factory=lambda: np.zeros(3))
     posture: Mapping[str, float] = field(default_factory=dict)

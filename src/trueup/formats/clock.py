@@ -13,13 +13,15 @@ from trueup.errors import ClockError, FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
 from trueup.instant import usual_step
+from trueup.rounding import DATE
 from trueup.samples import COUNTS
-from trueup.units import canonical, to_si
+from trueup.units import canonical, numbers_of, size_of
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 SLOWEST, FASTEST = 2.0, 20_000.0
-_ROUNDS = tuple(counts * to_si(unit)[1] for counts in COUNTS for unit in ("ms", "us", "ns"))
-_EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
+_ROUNDS = tuple(counts * size_of(unit) for counts in COUNTS for unit in ("ms", "us", "ns"))
+_DATED = DATE, DATE * numbers_of("ms")
+"""s since 1970 of what is a date, in one unit alone: each is a thousand times the next."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +50,19 @@ def guess_unit(name: str, values: Array) -> str:
     steps = steps[steps > 0.0]
     if not steps.size:
         return "s"
-    sizes = {unit: to_si(unit)[1] for unit in ("s", "ms", "us", "ns")}
+    sizes = {unit: size_of(unit) for unit in ("s", "ms", "us", "ns")}
     step = float(np.median(steps))
     rated = [unit for unit, size in sizes.items() if SLOWEST <= 1.0 / (step * size) <= FASTEST]
     # Microseconds from half an hour ago look like a date in seconds, at which nothing would be sampled.
     for unit in rated or sizes:
-        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * sizes[unit] < _EPOCH_SECONDS[1]:
+        if _DATED[0] < abs(float(finite[0])) * sizes[unit] < _DATED[1]:
             return unit
     return rated[0] if rated else "s"
 
 
 def seconds(values: Array, unit: str) -> Array:
     """(T,) in s."""
-    return values * to_si(unit)[1]
+    return values * size_of(unit)
 
 
 def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = False, column: str = "") -> Samples:

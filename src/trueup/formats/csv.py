@@ -20,7 +20,7 @@ from trueup.formats.cells import names_in, parse_lists
 from trueup.formats.dates import parse_clock
 from trueup.formats.dialect import Dialect, is_empty, is_number, sniff, split
 from trueup.formats.table import Table, listing, shown
-from trueup.units import to_si
+from trueup.units import size_of
 
 _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "na", "n/a", "null", "NULL", "None", "none", "-", "--"]
 # Lines that are blank or a comment, in the middle of the data.
@@ -204,9 +204,9 @@ def _column(
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
         return _floats(column)
     if pa.types.is_timestamp(kind):
-        return _floats(column.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64())) * to_si("ns")[1]
+        return _floats(column.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64())) * size_of("ns")
     if pa.types.is_time(kind):
-        return _floats(column.cast(pa.time64("ns")).cast(pa.int64())) * to_si("ns")[1]
+        return _floats(column.cast(pa.time64("ns")).cast(pa.int64())) * size_of("ns")
     cells = ["" if cell is None else str(cell) for cell in column.to_pylist()]
     return _from_words(cells, name, body, dialect, path, warnings)
 

@@ -11,7 +11,7 @@ from datetime import date
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.units import to_si
+from trueup.units import size_of
 
 _CLOCK = re.compile(
     r"(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{4})(?:T|,? +))?"
@@ -45,7 +45,7 @@ def parse_clock(cells: Sequence[str]) -> Instants | None:
     if len(found) < len(cells):
         return None
     of_day = np.array([_of_day(m) for m in found], dtype=np.float64)
-    day = 24 * to_si("h")[1]
+    day = 24 * size_of("h")
     dates = [m["date"] for m in found]
     if not all(dates):
         return Instants(of_day + day * np.cumsum(np.diff(of_day, prepend=of_day[:1]) < -day / 2))
@@ -61,7 +61,7 @@ def _of_day(match: re.Match[str]) -> float:
     hours = int(match["hours"])
     if match["half"]:
         hours = hours % _HALF + (_HALF if match["half"] in "Pp" else 0)
-    return hours * to_si("h")[1] + int(match["minutes"]) * to_si("min")[1] + float(match["seconds"].replace(",", "."))
+    return hours * size_of("h") + int(match["minutes"]) * size_of("min") + float(match["seconds"].replace(",", "."))
 
 
 def _days(dates: Iterable[str]) -> tuple[dict[str, int], str] | None:

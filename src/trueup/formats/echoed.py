@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.formats.table import Table
 from trueup.samples import is_unit
-from trueup.units import to_si
+from trueup.units import size_of
 
 _PARTS = ("position", "velocity", "effort")
 """Of sensor_msgs/JointState, in its order; the last ones may be empty."""
@@ -87,4 +87,4 @@ def _is_stamp(table: Table, names: list[str]) -> bool:
     """Whether two columns are seconds and the nanoseconds beside them."""
     seconds, rest = (table.columns[name] for name in names)
     whole = all(np.all(values == np.round(values)) for values in (seconds, rest))
-    return whole and bool(np.all(np.diff(seconds) >= 0.0) and rest.min() >= 0.0 and rest.max() * to_si("ns")[1] < 1.0)
+    return whole and bool(np.all(np.diff(seconds) >= 0.0) and rest.min() >= 0.0 and rest.max() * size_of("ns") < 1.0)

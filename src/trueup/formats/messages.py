@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from trueup.units import to_si
+from trueup.units import size_of
 
 _NAME_FIELDS = ("name", "names", "joint_names", "joint_name")
 _BESIDE = ("header", "time_from_start", "layout")
@@ -55,7 +55,7 @@ def stamp_of(message: Any) -> float | None:
 
 def seconds_of(stamp: Any) -> float:
     """A ROS time or duration in s."""
-    return float(stamp.sec) + to_si("ns")[1] * float(stamp.nanosec)
+    return float(stamp.sec) + size_of("ns") * float(stamp.nanosec)
 
 
 def _interfaces(message: Any, joints: Sequence[str]) -> Iterator[tuple[str, float]]:

@@ -23,7 +23,7 @@ from trueup.formats.dates import parse_clock
 from trueup.formats.entries import columns_of, from_entries
 from trueup.formats.table import Table, listing, numbers
 from trueup.recording import Channel, Recording
-from trueup.units import to_si
+from trueup.units import size_of
 
 _KEY = b"trueup"
 _VERSION = 1
@@ -162,7 +162,7 @@ def _values(column: pa.ChunkedArray, where: str, notes: list[str]) -> Array | li
         kind = column.type
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
         exact = pa.timestamp("ns", tz=kind.tz) if pa.types.is_timestamp(kind) else pa.duration("ns")
-        return _floats(column.cast(exact).cast(pa.int64())) * to_si("ns")[1]
+        return _floats(column.cast(exact).cast(pa.int64())) * size_of("ns")
     if (
         pa.types.is_boolean(kind)
         or pa.types.is_integer(kind)

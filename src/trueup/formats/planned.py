@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.formats.messages import seconds_of
 from trueup.samples import between
-from trueup.units import to_si
+from trueup.units import size_of
 
 KIND = "/JointTrajectory"
 RATE = 100.0
@@ -87,7 +87,7 @@ def followed(plans: Sequence[Plan], measured: Callable[[float], Array | None]) -
     time, row = np.concatenate(times), np.concatenate(values)
     order = np.argsort(time, kind="stable")
     last_of = np.append(
-        np.diff(time[order]) > to_si("ns")[1], True
+        np.diff(time[order]) > size_of("ns"), True
     )  # where one plan ends as the next begins, the next counts
     return time[order][last_of], row[order][last_of]
 

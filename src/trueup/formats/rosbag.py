@@ -17,7 +17,7 @@ from trueup.formats.bag_clocks import Stamps, in_order, shifts
 from trueup.formats.messages import Rows, rows_of, stamp_of
 from trueup.formats.planned import KIND, Plan, followed, plan_of
 from trueup.formats.table import Table, listing, numbers, shown
-from trueup.units import to_si
+from trueup.units import size_of
 
 _UNITS = {
     "position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "effort": "N m",
@@ -144,7 +144,7 @@ def _messages(reader: Any, warnings: dict[str, int]) -> Iterator[tuple[str, str,
             reason = f"{connection.topic} ({connection.msgtype}) cannot be decoded: {_cause(error)}"
             warnings[reason] = warnings.get(reason, 0) + 1
             continue
-        yield connection.topic, connection.msgtype, received * to_si("ns")[1], message
+        yield connection.topic, connection.msgtype, received * size_of("ns"), message
 
 
 def _commanded(topic: str, plans: Sequence[Plan], others: Sequence[_Timed], ahead: float) -> _Timed:

@@ -17,7 +17,7 @@ from trueup.errors import MissingExtraError, OutputError
 from trueup.formats.aside import write_aside, written_aside
 from trueup.formats.planned import RATE
 from trueup.recording import Recording
-from trueup.units import to_si
+from trueup.units import size_of
 
 TOPIC = "/joint_trajectory"
 _PARTS = (("pos", "position"), ("vel", "velocity"), ("acc", "acceleration"))
@@ -86,7 +86,7 @@ def _message(trajectory: Recording, types: Mapping[str, Any]) -> Any:
     for k in _kept(trajectory):
         seconds = float(position.time[k] - position.time[0])
         whole = int(seconds)
-        after = duration(whole, round((seconds - whole) / to_si("ns")[1]))
+        after = duration(whole, round((seconds - whole) / size_of("ns")))
         points.append(point(*(np.ascontiguousarray(v[k]) for v in values), np.zeros(0), after))
     return types["trajectory_msgs/msg/JointTrajectory"](header, list(position.labels), points)
 

@@ -20,8 +20,7 @@ from trueup.grounding.linear import RESOLUTION
 from trueup.grounding.rows import Rows
 from trueup.rounding import ROUNDED
 
-_FAR = 0.99  # of the frames left out lie nearer than what is called far
-_REFUSED = 0.01  # of runs like the recorded ones
+_REFUSED = 0.01  # of what is like the recorded: of frames, which lie further than what is called far; of runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,7 @@ def _block(name: str, columns: Integers, rows: Rows, folds: Sequence[Integers], 
         kept = np.delete(V, left_out, axis=0)
         centre, whiten, _ = _shape(kept)
         distance[left_out] = np.linalg.norm((V[left_out] - centre) @ whiten, axis=1)
-    limit = float(np.quantile(distance, _FAR))
+    limit = float(np.quantile(distance, 1.0 - _REFUSED))
     longest = [_longest(distance[rows.run == run] > limit) for run in np.unique(rows.run)]
     centre, whiten, scale = _shape(V)
     return Block(name, columns, centre, whiten, limit, _exceeded(longest, refused), scale, V.min(axis=0), V.max(axis=0))

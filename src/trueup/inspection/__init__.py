@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from trueup.inspection.inspection import ChannelInspection, Gap, Inspection, inspect
+from trueup.inspection.inspection import ChannelInspection, Inspection, inspect
+from trueup.inspection.stamps import Gap
 from trueup.noise import estimate_grid, estimate_noise
 
 __all__ = ["ChannelInspection", "Gap", "Inspection", "estimate_grid", "estimate_noise", "inspect"]

@@ -19,7 +19,7 @@ from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import correlation
 from trueup.trial import Trial
-from trueup.units import AS_FAR, hardly_radians, to_si
+from trueup.units import AS_FAR, hardly_radians, numbers_of, size_of
 
 _TIMES = ("ms", "us", "ns", "min")
 """Units of clocks, in which a log is written or as which one in s is read."""
@@ -27,7 +27,7 @@ _COMPLETE, _ARRIVED = (
     0.95,
     0.6,
 )  # share of the duration that must be there: of a command; of a run that ends by arriving
-_LARGER = {"rad": {"degrees": 1.0 / to_si("deg")[1]}, "m": {"mm": 1.0 / to_si("mm")[1]}}
+_LARGER = {"rad": {"degrees": numbers_of("deg")}, "m": {"mm": numbers_of("mm")}}
 """Unit to others, in which numbers are so many times as large: nobody begins a run that far away."""
 
 
@@ -51,7 +51,7 @@ def lasting(trial: Trial, recording: Recording) -> Unlike | None:
     ended = ratio < 1.0 and end_of(recording, trial.ends) is not None
     # How long a run was that ended early tells no clock; how far apart its samples are does.
     paced = _paced(trial, recording) if ended else ratio
-    sizes = {unit: to_si(unit)[1] for unit in _TIMES}
+    sizes = {unit: size_of(unit) for unit in _TIMES}
     clocks = {1.0 / size: unit for unit, size in sizes.items()} | {s: f"s read as {unit}" for unit, s in sizes.items()}
     for factor, unit in clocks.items():
         if max(abs(np.log(ratio / factor)), abs(np.log(paced / factor))) < 0.5:

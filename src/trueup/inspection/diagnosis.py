@@ -38,6 +38,12 @@ class Diagnosis:
         return f"refused, and so not done: {whole}" if self.refused else whole
 
 
+def few(said: Sequence[str]) -> str:
+    """The first few of what may be many, joints or samples, for a note."""
+    most = 4
+    return ", ".join(said[:most]) + (" ..." if len(said) > most else "")
+
+
 def check_refused(refuse: Iterable[str], names: Iterable[str]) -> None:
     """Raises UnknownNameError for a name that no diagnosis has."""
     for name in refuse:

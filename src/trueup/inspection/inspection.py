@@ -10,30 +10,18 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.pose import is_quaternion
+from trueup.inspection.stamps import Gap, clock_of, restless
 from trueup.inspection.suspicions import suspicions
-from trueup.instant import MISSING, usual_step
-from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
+from trueup.instant import usual_step
+from trueup.noise import estimate_grid, estimate_noise, is_noise
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import PRINTED
 from trueup.samples import MOST, stretches_of
 
-_JITTER = 0.2  # of a step in time: beyond, it is worth a word
 _MEASURED = ("position", "velocity", "torque", "current")
-_STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A stretch without samples, much longer than the usual step."""
-
-    start: float
-    """Time of the last sample before it, in s."""
-    duration: float
-    """In s."""
-
-    def is_single(self, rate: float) -> bool:
-        """Whether a single sample is missing of those that come at a `rate` in Hz."""
-        return round(self.duration * rate) <= 2
+STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
+"""How long what has come to its stop rests there in one go, in s and in samples (turning points of a motion pass sooner), and
+for which share of a recording in all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +38,8 @@ class ChannelInspection:
     """Median rate in Hz; NaN for a single sample."""
     jitter: float
     """Standard deviation of the steps in time without the gaps, in s."""
+    restless: bool
+    """Whether stamps scatter that are not those at which samples were taken."""
     gaps: tuple[Gap, ...]
     repeats: int
     """Rows equal to the row before. Many mean that the sensor is slower than the log."""
@@ -145,6 +135,7 @@ def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
         samples=len(channel.time),
         rate=rate,
         jitter=jitter,
+        restless=not is_command(channel.name) and restless(channel.time[new], channel.values[new], gaps),
         gaps=gaps,
         repeats=repeats,
         held=held,
@@ -161,19 +152,6 @@ def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
 def _extreme(values: Array, which: np.ufunc) -> Array:
     """(k,) lowest or highest value, NaN where all are missing."""
     return np.asarray(which.reduce(values, axis=0), dtype=np.float64)
-
-
-def clock_of(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
-    """Usual rate in Hz, jitter in s and gaps of instants (T,)."""
-    steps = np.diff(time)
-    if not steps.size:
-        return float("nan"), 0.0, ()
-    usual = usual_step(time)
-    # Where the steps scatter widely anyway, only what stands out of that scatter is a gap.
-    limit = max(MISSING * usual, usual + 6.0 * float(spread(steps - usual)))
-    late = np.flatnonzero(steps > limit)
-    gaps = tuple(Gap(float(time[i]), float(steps[i])) for i in late)
-    return 1.0 / usual, float(np.std(np.delete(steps, late))), gaps
 
 
 def _repeats(channel: Channel) -> tuple[int, int]:
@@ -223,7 +201,7 @@ def _rests(there: Mask, time: Array) -> bool:
     starts, stops = stretches_of(there).T - [[0], [1]]
     longest = int(np.argmax(stops - starts))
     seconds = float(time[stops[longest]] - time[starts[longest]])
-    return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= _STUCK_SECONDS)
+    return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= STUCK_SECONDS)
 
 
 def _is_pushed(channel: Channel, label: str, extreme: float, there: Mask, recording: Recording) -> bool:
@@ -251,10 +229,10 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
     if is_command(channel.name) and scatter > MOST:  # of commands that come by chance it is about 1
         if not channel.gaps:
             yield "commands come at no rate: right where only changes were logged, as each stays in force until the next"
-    elif scatter > _JITTER:
+    elif channel.restless:
         yield (
-            f"samples come at {channel.rate:.4g} Hz with {channel.jitter * 1e3:.2g} ms jitter; log the time at which "
-            "each was taken, not the time at which it was written"
+            f"samples come at {channel.rate:.4g} Hz with {channel.jitter * 1e3:.2g} ms jitter, and what was measured is "
+            "smoother at even instants; log the time at which each was taken, not the time at which it was written"
         )
     if channel.held > 1:
         yield (

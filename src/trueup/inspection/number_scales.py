@@ -14,7 +14,7 @@ from trueup.evidence import STANDARD_ERRORS
 from trueup.inspection.relations import TOLERANCE
 from trueup.inspection.scales import BESIDE, Way
 from trueup.inspection.zeros import FAR
-from trueup.units import PULSE_FULL, PULSE_MIDDLE, to_si
+from trueup.units import PULSE_FULL, PULSE_MIDDLE, numbers_of
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ _OF_ANGLES = (
     _in_degrees("1000 counts in 240 degrees, as of LewanSoul LX servos", 1000.0, 240.0, 500.0, 0.0, 1000.0),
     _in_degrees("pulses of 1000 us in 90 degrees", 1000.0, 90.0, PULSE_MIDDLE, *_PULSES),
     _in_degrees("pulses of 2000 us in 270 degrees", 2000.0, 270.0, PULSE_MIDDLE, *_PULSES),
-    NumberScale("mrad", 1.0 / to_si("mrad")[1]),
+    NumberScale("mrad", numbers_of("mrad")),
     _in_degrees("turns", 1.0, 360.0, 0.0),
     _in_degrees("degrees", 1.0, 1.0, 0.0),
     _in_degrees("tenths of degrees", 10.0, 1.0, 0.0),
     _in_degrees("hundredths of degrees", 100.0, 1.0, 0.0),
     _in_degrees("thousandths of degrees", 1000.0, 1.0, 0.0),
 )
-_OF_LENGTHS = (NumberScale("mm", 1.0 / to_si("mm")[1]), NumberScale("cm", 1.0 / to_si("cm")[1]))
+_OF_LENGTHS = (NumberScale("mm", numbers_of("mm")), NumberScale("cm", numbers_of("cm")))
 APART = min(abs(math.log(a.per / b.per)) for a in _OF_ANGLES for b in _OF_ANGLES if a.per != b.per)
 """Of a factor, relative: those of pulses and of a servo's 4096 counts are not further apart."""
 

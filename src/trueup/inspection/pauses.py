@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from trueup.arrays import Array, Mask
-from trueup.inspection.inspection import Gap, clock_of
 from trueup.inspection.repeats import BASE, LONGEST_GAP
+from trueup.inspection.stamps import Gap, clock_of
 from trueup.instant import usual_step
 from trueup.noise import FEWEST
 from trueup.recording import Channel, Recording, is_command, part_of

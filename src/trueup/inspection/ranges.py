@@ -10,7 +10,7 @@ import numpy as np
 from trueup.inspection.scales import Way
 from trueup.inspection.zeros import FAR
 from trueup.recording import Recording
-from trueup.units import hardly_radians, to_si
+from trueup.units import hardly_radians, size_of
 
 
 def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *, in_degrees: bool) -> tuple[str, ...]:
@@ -35,7 +35,7 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
             f"joint '{joint}' is measured from {low:.3g} to {high:.3g} rad, beyond its range in the model, "
             + " to ".join(f"{end:.3g}" for end in way.range)
         )
-        asked = [end / to_si("deg")[1] for end in way.range]  # as the file has it, if that was in degrees
+        asked = [end / size_of("deg") for end in way.range]  # as the file has it, if that was in degrees
         meant = max(abs(end) for end in asked)
         if in_degrees and not hardly_radians(meant) and low >= asked[0] - FAR and high <= asked[1] + FAR:
             why = (
@@ -53,7 +53,7 @@ def shorter(ends: tuple[float, float], low: float, high: float) -> list[str]:
     whole = ends[1] - ends[0]
     if low >= ends[0] - whole and high <= ends[1] + whole:
         return []
-    return [u for u in ("mm", "cm") if ends[0] - whole <= low * to_si(u)[1] and high * to_si(u)[1] <= ends[1] + whole]
+    return [u for u in ("mm", "cm") if ends[0] - whole <= low * size_of(u) and high * size_of(u) <= ends[1] + whole]
 
 
 def _slid_beyond(joint: str, ends: tuple[float, float], low: float, high: float) -> list[str]:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Mask
-from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
+from trueup.inspection.stamps import Gap
 from trueup.inspection.zeros import FAR, SETTLES
 from trueup.noise import UNUSUAL
 from trueup.recording import Recording

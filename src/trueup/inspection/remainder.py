@@ -16,15 +16,11 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import EXPLAINED, FEWEST_PARTS, Evidence, evidence
 from trueup.rounding import ROUNDED, TINY
+from trueup.tracking.windows import LENGTH
 
 EVERY = 0.25
 """In s between predictions."""
-STRETCH = 10.0
-"""In s: what is left out together, several times as long as a prediction."""
 SIDES = ("position along the vehicle", "position across the vehicle", "heading")
-REACHES = (0.5, 2.0)
-"""Ways (as driven in the second half of a prediction) over which places are alike: less is a mean in each error, and where it
-is more, drives that pass far beside one another tell as much. Left-out stretches say which."""
 _ENOUGH = 300  # places of which a map of errors is made: the work grows with their cube, and drives come by again
 TOLD, DRIVEN, FACED = "what was commanded", "how long the vehicle had driven", "which way the vehicle faced"
 PLACED = "where the vehicle was"
@@ -109,7 +105,7 @@ def unexplained(each: Sequence[Astray], horizon: float) -> tuple[str, ...]:
 
 def _stretches(each: Sequence[Astray]) -> int:
     """How many stretches can be left out in turn."""
-    return sum(len(np.unique(a.begun // STRETCH)) for a in each)
+    return sum(len(np.unique(a.begun // LENGTH)) for a in each)
 
 
 def _sizes(each: Sequence[Astray]) -> Array:
@@ -154,13 +150,12 @@ def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[
         return _left_out(each, horizon, (told - told.mean(axis=0)) / (told.std(axis=0) + TINY))
     # Predictions that tell the same are left out together, passes by a place are not: each counts as one.
     alike = np.sqrt(horizon / EVERY)
-    tried = [_left_out(each, horizon, alike * _over_places(told, reach)) for reach in REACHES]
-    return [max(found, key=lambda e: e.gain) for found in zip(*tried, strict=True)]
+    return _left_out(each, horizon, alike * _over_places(told))
 
 
 def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evidence]:
     """The evidence of a ridge regression on columns of `told` (S, F)."""
-    parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // STRETCH)]
+    parts = [(k, n) for k, a in enumerate(each) for n in np.unique(a.begun // LENGTH)]
     if len(parts) < FEWEST_PARTS:
         return [Evidence(0.0, float("inf"))] * len(SIDES)
     drive = np.concatenate([np.full(len(a.begun), k) for k, a in enumerate(each)])
@@ -168,21 +163,22 @@ def _left_out(each: Sequence[Astray], horizon: float, told: Array) -> list[Evide
     table = np.column_stack([np.ones(len(told)), told])
     without, with_it = [], []
     for k, n in parts:
-        left = (drive == k) & (begun // STRETCH == n)
-        apart = (drive != k) | (begun < n * STRETCH - horizon) | (begun > (n + 1) * STRETCH + horizon)
+        left = (drive == k) & (begun // LENGTH == n)
+        apart = (drive != k) | (begun < n * LENGTH - horizon) | (begun > (n + 1) * LENGTH + horizon)
         rest = errors[left] - table[left] @ _ridge(table[apart], errors[apart], horizon / EVERY)
         without.append(np.sqrt(np.mean(errors[left] ** 2, axis=0)))
         with_it.append(np.sqrt(np.mean(rest**2, axis=0)))
     return [evidence(a, b, a**2) for a, b in zip(np.transpose(without), np.transpose(with_it), strict=True)]
 
 
-def _over_places(places: Array, reach: float) -> Array:
+def _over_places(places: Array) -> Array:
     """(S, F) features on which a ridge is a Gaussian process over places (x, y, heading, way): what is the same for all who
-    come by, and what turns round with the heading, as a slope does. It is smooth over `reach` times the way in which errors
-    arise. C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning, 2006, sections 2.1 and 8.1 (of some places).
+    come by, and what turns round with the heading, as a slope does. It is smooth over the way in which errors arise: an error
+    is the mean of less, and of more, drives that pass far beside one another tell as much. C. Rasmussen, C. Williams,
+    Gaussian Processes for Machine Learning, 2006, sections 2.1 and 8.1 (of some places).
     """
     some = places[:: int(np.ceil(len(places) / _ENOUGH))]
-    length = reach * max(float(np.mean(places[:, 3])), TINY)
+    length = max(float(np.mean(places[:, 3])), TINY)
     values, vectors = np.linalg.eigh(_alike(some, some, length))
     kept = values > ROUNDED * values[-1]
     return np.asarray(_alike(places, some, length) @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=np.float64)

@@ -17,19 +17,18 @@ from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
 from trueup.trial import COMMANDS, command_of
-from trueup.units import hardly_radians, to_si
+from trueup.units import hardly_radians, numbers_of, size_of
 
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 _HARDLY = 3.0
 """Numbers that a joint spans which moves in rad; in degrees it hardly moves."""
 _STILL = 0.1
 """Numbers that a joint spans which stands still, in either unit."""
-_ENCODERS = 8.0
-"""Times that steps of a robot's encoders differ, at most: 4096 and 512 counts of a turn; degrees and rad do by 57."""
 BESIDE = 0.1
 """Of its range (or of shares of it) that a slide may be measured beyond its ends."""
-_FARTHER = 4.0
-"""Times as far as it was told that no joint goes which follows its commands in their unit; in degrees it is 57."""
+_OTHER_UNIT = math.sqrt(numbers_of("deg"))
+"""Times as large from which on numbers are rather degrees beside rad than both in one unit, by the logarithm: joints that
+follow, and steps of a robot's encoders, differ by less, counts of a turn by more."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
@@ -62,7 +61,7 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
     # Beyond that only slides reach (openings, travels), and what turns on and on: wheels.
     if not _beyond_turns(joints, without) or _wheels_alone(joints, without):
         return [_in_rad(joints, r, 1.0, short) if r in without else r for r in recordings], said
-    degree = to_si("deg")[1]
+    degree = size_of("deg")
     if not all(_within(joints, r.channel("position"), degree) for r in without):
         return list(recordings), []
     names = ", ".join(r.name for r in without)
@@ -95,7 +94,7 @@ def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> N
         channel = recording.channel("position")
         for label in (j for j in channel.labels if j in joints and not joints[j].slides and joints[j].range):
             most = float(np.nanmax(np.abs(channel.column(label)), initial=0.0))
-            if hardly_radians(most) and not _within(joints, channel.select([label]), to_si("deg")[1]):
+            if hardly_radians(most) and not _within(joints, channel.select([label]), size_of("deg")):
                 low, high = joints[label].ends
                 raise RecordingError(
                     f"'{recording.name}': positions have no unit, and '{label}', which reaches {most:.4g}, is beyond its "
@@ -106,7 +105,7 @@ def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> N
 
         for label in (j for j in channel.labels if j in joints and not joints[j].slides):
             times = _times_as_far(recording, label)
-            if times > _FARTHER:
+            if times > _OTHER_UNIT:
                 turn = math.tau * times
                 raise RecordingError(
                     f"'{recording.name}': positions have no unit, and '{label}' moves {times:.4g} times as far as it is "
@@ -158,7 +157,7 @@ def _beyond(way: Way, metres: Array) -> bool:
 
 def _inside(way: Way, numbers: Array) -> bool:
     """Whether a slide stays in its range, the numbers taken as mm."""
-    (low, high), metres = way.ends, numbers * to_si("mm")[1]
+    (low, high), metres = way.ends, numbers * size_of("mm")
     beside = BESIDE * (high - low)
     return bool(metres.min() >= low - beside and metres.max() <= high + beside)
 
@@ -175,7 +174,7 @@ def _of_two_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) ->
     finest = min((g for j in beyond if (g := grids[j]) is not None), default=None)
     small = [j for j, values in every.items() if j not in beyond and _rad_sized(joints[j], values)]
     if finest is not None:  # encoders differ, but hardly by what degrees and rad do
-        small = [j for j in small if (g := grids[j]) is None or not finest / _ENCODERS < g < finest * _ENCODERS]
+        small = [j for j in small if (g := grids[j]) is None or not finest / _OTHER_UNIT < g < finest * _OTHER_UNIT]
     if not small:
         return ""
     units = ", ".join('"rad"' if j in small else '"deg"' for j in labels)
@@ -241,7 +240,7 @@ def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
         return 0.0
     largest = float(values.max())
     for whole in (1.0, 100.0):
-        if whole == 100.0 and _inside(way, values) and way.ends[1] - way.ends[0] < whole * to_si("mm")[1]:
+        if whole == 100.0 and _inside(way, values) and way.ends[1] - way.ends[0] < whole * size_of("mm"):
             return 0.0  # either fits; as mm it goes through more of its way, and people open and close grippers
         beside = BESIDE * whole
         if largest <= whole + beside and values.min() >= -beside and (whole == 1.0 or largest > 2.0):
@@ -278,7 +277,7 @@ def _within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
 
 def _in_rad(joints: Mapping[str, Way], recording: Recording, factor: float, short: Sequence[str]) -> Recording:
     """Hinges times `factor`, slides that are `short` from mm to m; other slides as they are."""
-    factors = {j: 1.0 for j, way in joints.items() if way.slides} | dict.fromkeys(short, to_si("mm")[1])
+    factors = {j: 1.0 for j, way in joints.items() if way.slides} | dict.fromkeys(short, size_of("mm"))
     speeds = ("velocity", *(name for name in COMMANDS if name.endswith("velocity")))
     for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), *((c, "rad/s") for c in speeds)):
         if recording.has(name) and not (channel := recording.channel(name)).unit:

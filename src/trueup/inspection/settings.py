@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.inspection.diagnosis import few
 from trueup.recording import Channel, Recording
 from trueup.samples import MOST
 
@@ -23,7 +24,6 @@ _VOLTAGES = ("voltage", "vin", "supply_voltage", "battery_voltage", "input_volta
 """Under which a log names what feeds its drives, as a channel or a fact."""
 _ONE_BATTERY = 1.15
 """Voltage of a lithium cell, full, over that of the same one half empty (4.2 V, 3.65 V)."""
-_STRETCHES = 10  # of a recording, whose medians show how a battery goes down, and no dips of a moment
 
 
 def setting(recording: Recording, quantity: str) -> dict[str, float]:
@@ -60,7 +60,7 @@ def with_steady_gains(recordings: Sequence[Recording]) -> tuple[list[Recording],
             f"what is taken of it is where they do not, {first:.4g} to {last:.4g} s" if enough else
             "it is replayed with the median of each, though that is not what it was recorded with; make a file of each gain"
         )  # fmt: skip
-        notes.append(f"gains of servos change within '{recording.name}' ({_few(changing)}): {done}")
+        notes.append(f"gains of servos change within '{recording.name}' ({few(changing)}): {done}")
     return result, notes
 
 
@@ -76,7 +76,7 @@ def at_other_voltages(recordings: Sequence[Recording]) -> list[str]:
     sags = [f"'{n}' {v[0]:.3g} to {v[-1]:.3g}" for n, v in named.items() if max(v) >= _ONE_BATTERY * min(v)]
     if sags:
         return [
-            f"the supply's voltage changes within recordings ({_few(sags)}): {goes}. What is found is of the mean of them"
+            f"the supply's voltage changes within recordings ({few(sags)}): {goes}. What is found is of the mean of them"
         ]
     low, high = (f(named, key=lambda name: float(np.median(named[name])), default="") for f in (min, max))
     least, most = (float(np.median(named.get(name, (0.0,)))) for name in (low, high))
@@ -89,22 +89,21 @@ def at_other_voltages(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _voltages(recording: Recording) -> tuple[float, ...]:
-    """The supply's voltage in whatever unit: medians of stretches one after the other; () where a recording names none."""
+    """The supply's voltage in whatever unit, at the beginning and the end of a line through it, which dips of a moment hardly
+    tilt; () where a recording names none.
+    """
     for name in _VOLTAGES:
         if recording.has(name):
-            values = recording.channel(name).values
-            stretches = [part[np.isfinite(part)] for part in np.array_split(values, min(_STRETCHES, len(values)))]
-            found = tuple(float(np.median(part)) for part in stretches if len(part))
+            channel = recording.channel(name)
+            known = np.isfinite(channel.values).any(axis=1)
+            time, values = channel.time[known], np.nanmean(channel.values[known], axis=1)
+            line = np.polynomial.Polynomial.fit(time, values, int(len(time) > 1)) if len(time) else None
+            found = () if line is None else tuple(line(time[[0, -1]]).tolist())
             return found if found and min(found) > 0.0 else ()
     facts = {key.lower().rsplit(".", 1)[-1]: text for key, text in recording.provenance.items()}
     said = (_numbers(facts[name], ALL, recording).get(ALL, 0.0) for name in _VOLTAGES if name in facts)
     volts = next(said, 0.0)
     return (volts,) if volts > 0.0 else ()
-
-
-def _few(sentences: Sequence[str]) -> str:
-    most = 4  # joints in a note
-    return ", ".join(sentences[:most]) + (" ..." if len(sentences) > most else "")
 
 
 def _joints(recording: Recording) -> set[str]:

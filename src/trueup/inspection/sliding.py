@@ -11,14 +11,13 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
-from trueup.evidence import HALVED
+from trueup.evidence import EXCERPT, HALVED
 from trueup.recording import Recording
 from trueup.trial import LOOK
 
 STRIDE = 0.2
 """s over which ways and turns are compared: noise is small beside them, and no gait is as quick."""
 _AHEAD = round(STRIDE / LOOK)
-_POSES = 1500  # of all recordings, a fraction of a second for each way that they are looked at
 _SLIPS = 0.2
 """Of how far the base went: less makes nobody wrong, and is not looked into."""
 _SAID = 2  # ways, the best: what one leg shows tells seldom whether others were mixed up, too
@@ -102,8 +101,8 @@ def _belts(legs: Legs, walks: Sequence[_Walk]) -> str:
 
 
 def _walks(names: Sequence[str], recordings: Sequence[Recording]) -> list[_Walk]:
-    """What recordings that tell all joints and the base show, up to so many poses."""
-    found, left = list[_Walk](), _POSES
+    """What recordings that tell all joints and the base show, up to `EXCERPT` s: what is mixed up is so in every motion."""
+    found, left = list[_Walk](), round(EXCERPT / LOOK)
     for recording in map(in_angles, recordings):
         if not all(recording.has(name) for name in ("position", POSITION, ORIENTATION)) or left < 2 * _AHEAD:
             continue

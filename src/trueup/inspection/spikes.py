@@ -9,18 +9,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array, Mask
+from trueup.inspection.diagnosis import few
 from trueup.noise import spread
 from trueup.recording import Recording
+from trueup.samples import NEIGHBOURS
 
-_NEAR = 3
-"""Samples on either side: faults of up to three samples are seen, and a step, which has its like on one side, is none."""
-_NEIGHBOURS, _NOISE, _RANGE = 8.0, 12.0, 0.05
+_SCATTER, _NOISE, _RANGE = 8.0, 12.0, 0.05
 """Times the neighbours' own scatter, times the usual distance from them, and share of the signal's range: only a fault
 exceeds all three."""
 _MANY = 0.02
 """Share of samples from which on it is the signal that is so."""
-_LISTED = 4
-"""Spikes that a sentence names one by one."""
 
 
 def without_lone_spikes(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -50,15 +48,15 @@ def lone_spikes(recording: Recording) -> tuple[Recording, str]:
     gone = np.argwhere(np.isfinite(position.values) & ~np.isfinite(values))
     if not len(gone):
         return recording, ""
-    shown = ", ".join(
+    shown = few([
         f"{position.labels[j]} {_shown(float(position.values[i, j]), position.unit_of(position.labels[j]))} at "
         f"{position.time[i]:.4g} s"
-        for i, j in gone[:_LISTED].tolist()
-    )
+        for i, j in gone.tolist()
+    ])  # fmt: skip
     samples = "a lone sample is" if len(gone) == 1 else f"{len(gone)} lone samples are"
     said = (
         f"position: {samples} far outside what is around and back at once, as of errors on a bus "
-        f"({shown}{' ...' * (len(gone) > _LISTED)}): counted as missing"
+        f"({shown}): counted as missing"
     )
     return recording.with_channel(position.replace(values=values)), said
 
@@ -67,7 +65,7 @@ def _beyond(column: Array, far: Mask) -> Mask:
     """(T,) which samples of a column are further off what is around them than all else goes within as many samples."""
     at, good = np.arange(len(column)), np.isfinite(column) & ~far
     smooth = np.interp(at, at[good], column[good])
-    around = np.lib.stride_tricks.sliding_window_view(smooth, 2 * _NEAR + 1)
+    around = np.lib.stride_tricks.sliding_window_view(smooth, 2 * NEIGHBOURS + 1)
     return np.abs(column - smooth) > float(np.ptp(around, axis=1).max())
 
 
@@ -84,7 +82,7 @@ def without_spikes(values: Array) -> tuple[Array, Array]:
     """
     kept, counts = np.array(values), np.zeros(values.shape[1])
     known = np.isfinite(kept)
-    if len(kept) < 8 * _NEAR or not known.all(axis=1).any():
+    if len(kept) < 8 * NEIGHBOURS or not known.all(axis=1).any():
         return kept, counts
     at = np.arange(len(kept))
     full = np.stack(
@@ -102,12 +100,12 @@ def without_spikes(values: Array) -> tuple[Array, Array]:
 
 def _far_off(full: Array, least: Array) -> Mask:
     """(T, k) whether samples are off their neighbours' median by more than `least` (k,) and more than is usual there."""
-    around = np.pad(full, ((_NEAR, _NEAR), (0, 0)), mode="edge")
-    around = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEAR + 1, axis=0)
+    around = np.pad(full, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1, axis=0)
     middle = np.median(around, axis=-1)
     off = np.abs(full - middle)
     usual = np.array([spread(x[x > 0.0]) if np.any(x > 0.0) else 0.0 for x in off.T])
     far = off > np.maximum(_NOISE * usual, least)
     scatter = np.median(np.abs(around[far] - middle[far][:, None]), axis=-1)
-    far[far] = off[far] > _NEIGHBOURS * scatter
+    far[far] = off[far] > _SCATTER * scatter
     return far

@@ -16,7 +16,6 @@ from trueup.trial import command_of
 from trueup.units import AS_FAR
 
 _SAME_SPEED, _SAME_ACCELERATION = 0.3, 0.65  # exponents of speed by size of the step: 0, 1/2; linear servos have 1
-_TRIANGLE = 0.853  # speed over sqrt(acceleration x step) between a quarter and three quarters of the way
 
 
 def profiles(servos: Mapping[str, str], recordings: Sequence[Recording]) -> tuple[dict[str, float], dict[str, float]]:
@@ -48,7 +47,11 @@ def accelerations(joint: str, actuator: str, recordings: Sequence[Recording]) ->
 
 
 def _acceleration(size: Array, speed: Array) -> Array:
-    return (speed / _TRIANGLE) ** 2 / size
+    """(n,) of steps at such speeds in the middle half of the way: half way takes sqrt(size / acceleration) from rest, a
+    quarter of it 1 / sqrt(2) of that, and slowing down is the same backwards.
+    """
+    seconds = 0.5 * size / speed
+    return size * ((2.0 - np.sqrt(2.0)) / seconds) ** 2
 
 
 def _steps(joint: str, actuator: str, recordings: Sequence[Recording]) -> Array:

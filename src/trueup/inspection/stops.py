@@ -9,13 +9,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.inspection.diagnosis import Diagnosis
+from trueup.inspection.inspection import STUCK_SECONDS
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.samples import stretches_of
 from trueup.trial import command_of
 
 SIDES = {"lower": -1.0, "upper": 1.0}
-_LONG = 0.15  # s that a joint rests there in one go: turning points of a motion pass sooner
 _NOISES, _SHARE = (
     6.0,
     0.01,
@@ -57,7 +57,7 @@ def _stop(recordings: Sequence[Recording], joint: str, sign: float) -> tuple[flo
     for time, position, command, _ in parts:
         pressed = (sign * position > most - near) & (sign * command > most + near)
         for first, last in stretches_of(pressed):
-            if time[last - 1] - time[first] >= _LONG and float(np.ptp(command[first:last])) > _MOVES * near:
+            if time[last - 1] - time[first] >= STUCK_SECONDS and float(np.ptp(command[first:last])) > _MOVES * near:
                 visits += 1
                 rests.append(position[first:last])
     return (float(np.median(np.concatenate(rests))), near) if visits >= _VISITS else None

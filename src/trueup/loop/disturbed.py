@@ -17,11 +17,11 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Replay
-from trueup.inspection.inspection import Gap
 from trueup.inspection.outstanding import NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG
 from trueup.inspection.repeats import BASE
+from trueup.inspection.stamps import Gap
 from trueup.instant import CUBIC
 from trueup.loop.problem import Problem
 from trueup.noise import OF_MEDIAN, UNUSUAL

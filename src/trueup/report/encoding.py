@@ -15,8 +15,6 @@ from trueup.arrays import Array
 MISSING = int(np.iinfo(np.int16).min)
 """The 16-bit code of a missing sample."""
 
-STEPS = 65000
-"""Steps that the range of a 16-bit column is divided into."""
 
 FINE = 1e-3
 """16 bits are used only where a step is below this part of the range that nine tenths of the samples span."""
@@ -55,7 +53,9 @@ def packed(values: Array) -> dict[str, Any]:
     finite = values[np.isfinite(values)]
     if finite.size:
         low, high = float(finite.min()), float(finite.max())
-        step = (high - low) / STEPS
+        step = (
+            (high - low) / 2 / np.iinfo(np.int16).max
+        )  # to both sides of the middle; what is below them all is missing
         lower, upper = np.percentile(finite, [5, 95])
         if math.isfinite(step) and step <= FINE * (upper - lower):
             return _sixteen_bits(values, (low + high) / 2, step)

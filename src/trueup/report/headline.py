@@ -24,9 +24,6 @@ from trueup.report.summary import (
     worsened,
 )
 
-RAN_AWAY = 3.0
-"""A model whose error is this many times the size of the motion did not follow it at all."""
-
 
 def headline(calibration: Calibration) -> Markup:
     """The scores in large type, a sentence, what must not be overlooked, and a chart with a row per recording."""
@@ -134,12 +131,12 @@ def _broken(replays: Sequence[Replay], *, after: bool) -> list[Markup]:
 
 
 def _ran_away(replays: Sequence[Replay]) -> list[Markup]:
-    """A ratio to a model that flew off is no success: say so."""
-    names = [r.recording for r in replays if pooled_score([r]).before > RAN_AWAY * signal_size(r)]
+    """A ratio to a model that is further off than one that stands still is no success: say so."""
+    names = [r.recording for r in replays if pooled_score([r]).before > signal_size(r)]
     if not names:
         return []
     text = f"Its error is larger than the motion itself in {', '.join(names)}. The ratios to it say little."
-    return [callout("warn", "The model before calibration ran away.", text)]
+    return [callout("warn", "The model before calibration did not follow.", text)]
 
 
 def _worse(replays: Sequence[Replay], scale: Scale, *, held_out: bool) -> list[Markup]:

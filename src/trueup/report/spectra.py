@@ -8,21 +8,19 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.instant import usual_step
 from trueup.report.hints import velocity
-
-MOST_MISSING = 0.2
-"""With a larger share of missing samples a spectrum would show the gaps, not the error."""
+from trueup.samples import MOSTLY
 
 
 def amplitude_density(time: Array, error: Array) -> tuple[Array, Array]:
     """(f,) frequencies in Hz and (f,) amplitude spectral density of `error` (T,) in unit/sqrt(Hz), by Welch's method.
 
     The samples are brought onto an even grid by linear interpolation. Both are empty where there are fewer than
-    16 samples, or more than a fifth of them is missing. The zero frequency is left out.
+    16 samples, or not mostly there: a spectrum would show the gaps, not the error. The zero frequency is left out.
     """
     from scipy.signal import welch
 
     finite = np.isfinite(error)
-    if finite.sum() < 16 or np.mean(~finite) > MOST_MISSING:
+    if finite.sum() < 16 or np.mean(finite) < MOSTLY:
         return np.zeros(0), np.zeros(0)
     step = usual_step(time)
     grid = time[0] + step * np.arange(max(16, int((time[-1] - time[0]) / step) + 1))

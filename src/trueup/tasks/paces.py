@@ -21,7 +21,6 @@ from trueup.tasks.task import Grades
 SLOWEST = 0.05
 """m/s: who is slower walks on the spot."""
 WAYS = ("fell forward", "fell backward")
-_CADENCE = 1.0 / 3.0  # steps are quicker by that power of the factor on their length: it costs fewer falls
 _MIDDLE = np.log(1.5)  # of logarithms of the factor on steps
 _RISKS = (
     np.array([[-3.5, 9.0, -1.0, 0.3, -0.5], [-3.5, 9.0, 1.0, 0.3, -0.5]]),
@@ -30,9 +29,6 @@ _RISKS = (
 """Log odds of a fall forward and backward in a run, with steps 1.5 times as long; by logarithm of steps, by lean and its
 square, and for a robot that walks already: starting is a risk of its own. Rounded from fits to stand-ins 100 to 105 of
 `studies/walk`, which that study does not have, and about as wide as these differ; what starting adds is a guess."""
-_FASTER = np.array([np.log(0.2), 1.0 + _CADENCE, 0.0, 0.0, 0.05]), np.array([1.0, 0.3, 0.1, 0.02, 0.05])
-"""Mean and deviation of the logarithm of speed in m/s with such steps, likewise."""
-_SCATTER = 0.04  # of the logarithm of a run's speed
 
 
 @dataclass(frozen=True)
@@ -49,6 +45,10 @@ class Paces:
     long: str = "amp_swing"
     slow: str = "stepPeriod"
     ahead: str = "fwdOffset"
+    cadence: float = 1.0 / 3.0
+    """Steps are quicker by that power of the factor on their length: it costs fewer falls."""
+    scatter: float = 0.04
+    """Deviation of the logarithm of speed from run to run."""
 
     def grades(self, space: ParameterSpace, fall: float) -> Grades:
         """Those of a walk with these parameters, of whose falls each costs `fall` m/s. Raises ParameterError."""
@@ -72,7 +72,7 @@ class Paces:
             (f"{self.long} {{:.3g}} times", f"{self.ahead} {{:+.2g}}{unit}"), pairs * (1.0, self._tenth(space)), settings,
             features(pairs),
             np.stack([np.log(pairs[:, 0]) / self.bolder, pairs[:, 1] / self.shifted], axis=1), WAYS, _RISKS, _FASTER,
-            _SCATTER, fall,
+            self.scatter, fall,
         )  # fmt: skip
 
     def _tenth(self, space: ParameterSpace) -> float:
@@ -82,9 +82,13 @@ class Paces:
         """(g, m): steps so many times as long, quicker by a power of that, and so much lean."""
         values = np.tile(space.nominal, (len(pairs), 1))
         values[:, space.index(self.long)] *= pairs[:, 0]
-        values[:, space.index(self.slow)] /= pairs[:, 0] ** _CADENCE
+        values[:, space.index(self.slow)] /= pairs[:, 0] ** self.cadence
         values[:, space.index(self.ahead)] += pairs[:, 1] * self._tenth(space)
         return values
+
+
+_FASTER = np.array([np.log(0.2), 1.0 + Paces.cadence, 0.0, 0.0, 0.05]), np.array([1.0, 0.3, 0.1, 0.02, 0.05])
+"""Mean and deviation of the logarithm of speed in m/s with such steps, likewise."""
 
 
 def features(pairs: Array) -> Array:

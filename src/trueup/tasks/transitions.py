@@ -28,12 +28,8 @@ FITNESS = ("paper", "repaired")
 ANGLES, HEIGHT = "base_orientation", "base_position"
 AFTER = 1.0
 """s that the robot has to keep its final pose before it is judged."""
-_JUDGED = 0.5  # s at the end over which it must be upright and still
-_UPRIGHT = 0.25  # rad: a small humanoid that leans further does not come back by itself
-_HIGH = 0.93  # share of the settled final height: below, a knee or a hand carries it
 _AT_REST = 0.005  # rad/s and m/s, of all joints and the base at once: a fall from there takes longer than is watched
 _TURNING = "base_turning"
-_STILL = 0.5  # rad/s of tilting, on average over `_JUDGED`
 _EPSILON = 0.1  # rad, in the paper's integrand 1 / (|angle| + 0.1)
 _NEAREST = 0.1  # beside 1 for standing all the time
 
@@ -70,6 +66,20 @@ class Settled:
         return (since > AFTER) | ((since > 0.0) & (fastest < _AT_REST))
 
 
+@dataclass(frozen=True)
+class Standing:
+    """How a robot has to stand at the end: what a small humanoid does; others may be asked for more or less."""
+
+    lasting: float = 0.5
+    """s at the end over which it must be upright, high and still."""
+    upright: float = 0.25
+    """rad: one that leans further does not come back by itself."""
+    high: float = 0.93
+    """Share of the settled final height: below, a knee or a hand carries it."""
+    still: float = 0.5
+    """rad/s of tilting, in the mean."""
+
+
 @dataclass(frozen=True, eq=False)
 class Transition:
     """A Task: the keyframes and times with which a humanoid gets from one pose to another, and stays there.
@@ -101,6 +111,7 @@ class Transition:
     """For motions with feedback."""
     fallen: float = 0.5
     """Share of the final height below which a run ends, once its start is behind it; 0: runs never end early."""
+    standing: Standing = Standing()
     parameters: ParameterSpace = field(init=False)
     trials: tuple[Trial, ...] = field(init=False)
 
@@ -170,13 +181,14 @@ class Transition:
         (rollout,) = rollouts
         angle, height, rate = self._seen(rollout)
         away = rollout.trial.observed[ANGLES].time - self._judged(rollout)[:, None]
-        last = (away > -_JUDGED + SAME_INSTANT) & (away <= SAME_INSTANT)
+        last = (away > -self.standing.lasting + SAME_INSTANT) & (away <= SAME_INSTANT)
         over = {row for row, end in rollout.ends.items() if end.name != Settled.name}
         whole = np.array([row not in over and row not in rollout.failures for row in range(len(angle))])
         with np.errstate(invalid="ignore"):
             return (
-                whole & ~np.any(last & ~(angle < _UPRIGHT), axis=1) & (np.mean(rate, axis=1, where=last) < _STILL)
-                & ~np.any(last & ~(height > _HIGH * self.final_height), axis=1)
+                whole & ~np.any(last & ~(angle < self.standing.upright), axis=1)
+                & (np.mean(rate, axis=1, where=last) < self.standing.still)
+                & ~np.any(last & ~(height > self.standing.high * self.final_height), axis=1)
             )  # fmt: skip
 
     def _judged(self, rollout: Rollout) -> Array:

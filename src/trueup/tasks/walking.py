@@ -23,10 +23,9 @@ from trueup.tasks.paces import SLOWEST, Paces, lap_speeds, tallied, told_speeds
 from trueup.tasks.sway import passing, sway
 from trueup.tasks.task import Grades
 from trueup.trial import Observed, Trial, Watched
-from trueup.units import GRAVITY
+from trueup.units import AS_FAR, GRAVITY
 
 PLACE, ANGLES = "base_position", "base_orientation"
-_FAST = 2.0  # times what its steps make: single laps of bipeds in benchmarks/walk_plan.py reach 1.5 times that
 _BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
 
 
@@ -151,9 +150,11 @@ class AheadWalk(Walk):
         """m/s of what each run came through, lap by lap: fewer than `laps` where it fell, veered or was too slow."""
 
     def fastest(self, values: Array) -> float:
-        """m/s that no robot walks with settings (m,): beyond them a time is a slip of the pen."""
+        """m/s that no robot walks with settings (m,): beyond them a time is a slip of the pen. Single laps of bipeds in
+        benchmarks/walk_plan.py reach 1.5 times what their steps make.
+        """
         return (
-            _FAST * self.share * float(self.steps(values[None])[0])
+            AS_FAR * self.share * float(self.steps(values[None])[0])
             if self.steps
             else float(np.sqrt(GRAVITY * self.height))
         )

@@ -12,11 +12,9 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.instant import REACH
 from trueup.noise import UNUSUAL
 from trueup.recording import Channel
-from trueup.samples import wrapped
+from trueup.samples import NEIGHBOURS, wrapped
 from trueup.tracking.heading import WAY
 from trueup.units import GRAVITY
-
-_BESIDE = 4  # steps before and behind one that show how the vehicle moves
 
 
 def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, int]]:
@@ -26,7 +24,7 @@ def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, i
     wheels speeds up, brakes or turns aside harder than it would fall, by the friction of tyres.
     """
     rows = np.flatnonzero(good)
-    if len(rows) <= 2 * _BESIDE + 1:
+    if len(rows) <= 2 * NEIGHBOURS + 1:
         return []
     time, points, angle = position.time[rows], position.values[rows], np.unwrap(heading.values[rows, 0])
     gaps, middle = np.diff(time), 0.5 * (angle[1:] + angle[:-1])
@@ -35,7 +33,7 @@ def sudden(position: Channel, heading: Channel, good: Mask) -> list[tuple[int, i
     aside = np.cos(middle) * moved[:, 1] - np.sin(middle) * moved[:, 0]
     own = np.stack([ahead, aside], axis=1)
     around = sliding_window_view(
-        np.pad(own / gaps[:, None], ((_BESIDE, _BESIDE), (0, 0)), mode="edge"), 2 * _BESIDE + 1, 0
+        np.pad(own / gaps[:, None], ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="edge"), 2 * NEIGHBOURS + 1, 0
     )
     off = own - np.median(around, axis=-1) * gaps[:, None]
     lasting = np.stack([np.convolve(column, np.ones(3), mode="same") for column in off.T], axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ModelError, RecordingError
-from trueup.instant import REACH, usual_step
+from trueup.instant import MOVING, REACH, usual_step
 from trueup.noise import spread
 from trueup.recording import Channel
 from trueup.rounding import PRINTED, SAME_INSTANT
@@ -22,7 +22,6 @@ from trueup.trial import Trial
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
 MOVES = 0.2  # m/s: slower, the direction of motion and the curvature of the way say nothing
-_SLOWEST = 0.05  # m/s: what goes no faster stands, as far as a tracker shows
 _PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
@@ -155,9 +154,11 @@ def begun_at(drive: Past, longest: float, every: float) -> Integers:
 
 
 def _drives(drive: Past) -> float:
-    """The speed in m/s from which it drives: MOVES, of robots that are never fast half of what they often exceed."""
+    """The speed in m/s from which it drives: MOVES, of robots that are never fast half of what they often exceed, but not the
+    noise of what was tracked.
+    """
     often = float(np.percentile(np.abs(drive.seen[drive.known, 3]), 85)) if drive.known.any() else 0.0
-    return min(MOVES, max(0.5 * often, _SLOWEST))
+    return min(MOVES, max(0.5 * often, MOVING * float(drive.doubt[3])))
 
 
 def _grid(trial: Trial, step: float, before: float = 0.0) -> tuple[float, Array]:

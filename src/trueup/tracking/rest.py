@@ -7,9 +7,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.instant import HARDLY, MOVING, REACH
+from trueup.noise import FEWEST
 from trueup.rounding import ROUNDED
-
-_FEWEST = 4  # samples in it
 
 
 def stood(time: Array, signals: Array, first: float) -> bool:
@@ -20,11 +19,11 @@ def stood(time: Array, signals: Array, first: float) -> bool:
     tracked.
     """
     before = (time <= first) & (time >= first - REACH)
-    if before.sum() > _FEWEST:
+    if before.sum() >= FEWEST:
         return not _goes(time[before] - first, signals[before], 1)
     after = np.flatnonzero(time >= first)
-    after = after[: max(_FEWEST + 1, int(np.sum(time[after] <= first + REACH)))]
-    if len(after) <= _FEWEST or time[after[0]] > first + REACH:
+    after = after[: max(FEWEST, int(np.sum(time[after] <= first + REACH)))]
+    if len(after) < FEWEST or time[after[0]] > first + REACH:
         return False
     return not _goes(time[after] - time[after[0]], signals[after], 2)
 

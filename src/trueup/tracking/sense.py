@@ -16,7 +16,8 @@ from trueup.tracking.heading import SPAN, motion, telling, told_by
 
 _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
 
-_SURE = 0.85  # share of the squares of moves that lies along the heading, less that across: an angle of 0.28 rad, rms
+_SURE = np.cos(_WITHIN + _WITHIN)
+"""Share of the squares of moves that lies along the heading, less that across, of moves that far beside it."""
 
 Source = tuple[str, ...]
 """Where a heading comes from: recordings that agree on it were logged alike."""

@@ -12,14 +12,14 @@ from trueup.errors import RecordingError
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording, is_command, part_of
 from trueup.rounding import SAME_INSTANT
+from trueup.tracking.heading import telling
 
 LENGTH = 6.0
-"""In s: long enough to see a delay and a curve, too short to drift far away."""
+"""In s: long enough to see a delay and a curve, too short to drift far away; what is left out together of drives."""
 _BEFORE = 20.0
 """In s: commands that come before. A steering that is limited in speed is where those have brought it that it took since it
 stood at its other end: at the slowest that is searched (`steering_rate_limit`, 0.1 rad/s) 2 rad.
 """
-_MOVES = 0.1  # m: a window in which the vehicle stands tells nothing
 
 
 def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
@@ -52,8 +52,12 @@ def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
 
 
 def moves(points: Array) -> bool:
-    """Whether points (N, 2) in m reach over more than a stretch in which a vehicle counts as standing."""
-    return bool(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)) > _MOVES)
+    """Whether some of points (N, 2) in m are further from their middle than one must go to show a direction: a vehicle that
+    stands tells nothing.
+    """
+    known = points[np.isfinite(points).all(axis=1)]
+    away = np.linalg.norm(known - np.median(known, axis=0), axis=1) if len(known) else np.zeros(0)
+    return bool(np.any(away > telling(known)))
 
 
 def noise_of(recordings: Sequence[Recording]) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from trueup.tracking.commands import COMMAND, driven_by, told_to_turn, turned_on
 from trueup.tracking.past import Past
 from trueup.tracking.wheels import Wheels, as_driven, told_duties
 from trueup.trial import Trial
-from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
+from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE, are_pulses, size_of, to_si
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
 _WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {
@@ -95,7 +95,7 @@ def rolling(car: Vehicle, values: Mapping[str, float]) -> tuple[str, ...]:
 def in_another_unit(car: Vehicle, values: Mapping[str, float]) -> tuple[str, ...]:
     """That a car goes as far for a commanded 1 m/s as for one of another unit; nothing where it does not."""
     scale = values.get("speed_scale", 1.0)
-    unit = nearest(scale, {u: to_si(u)[1] for u in _OTHER_SPEEDS}) if car.drive == PURSUED and car.in_metres else ""
+    unit = nearest(scale, {u: size_of(u) for u in _OTHER_SPEEDS}) if car.drive == PURSUED and car.in_metres else ""
     if not unit:
         return ()
     return (

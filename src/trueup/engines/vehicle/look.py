@@ -19,14 +19,13 @@ from trueup.samples import correlation
 from trueup.tracking.commands import COMMAND
 from trueup.tracking.past import MOVES, Past
 from trueup.tracking.pursuit import pursuit
+from trueup.tracking.windows import LENGTH
 from trueup.trial import Trial
 
 LATE = 0.12
 """In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""
 _EARLIER = (3.0, 6.0)
 """In `LATE`: commands that heavy vehicles still follow, each twice as long ago as the one before (the first is 1.5 ago)."""
-_BLOCK = 5.0
-"""s that are left out together: longer than a speed's errors last."""
 _SLIDES = 3.0
 """In m/s^2 sideways, a third of g. Below it a car hardly slips: what its tyres do at their limit does not show, and its
 understeer is of the size of the play of a steering, so that it is asked about before it is believed. Chosen on JetRacer."""
@@ -113,7 +112,7 @@ class Look:
         foretold clearly better by these times the cosine of the angle, which halves the error that any share of what it takes
         off would mend. Losses in curves are of the same form, but as large by chance only.
         """
-        count = round(len(self.speed) * LATE / _BLOCK)
+        count = round(len(self.speed) * LATE / LENGTH)  # longer than a speed's errors last
         if count < FEWEST_PARTS:
             return False
         parts = np.array_split(np.arange(len(self.speed)), count)

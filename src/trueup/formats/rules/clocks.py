@@ -16,7 +16,7 @@ from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules.names import is_time, listed, names_its_clock, says_nanoseconds, stem, ticks, words
 from trueup.formats.table import Table, listing
 from trueup.samples import COUNTS
-from trueup.units import to_si
+from trueup.units import size_of, to_si
 
 _RATES, _PERIODS = listed("fps hz rate frequency freq fs"), listed("dt ts period timestep step")
 """Words of how often samples were taken, and of how far they are apart, among facts beside the signals."""
@@ -103,7 +103,7 @@ def _rates_said(tables: Sequence[Table]) -> dict[str, float]:
         plain = set(words(name.rpartition(".")[2]))
         unit = next((u for u in ("ms", "us", "ns") if u in plain), "s")
         try:
-            value = float(text) * (1.0 if plain & _RATES else to_si(unit)[1])
+            value = float(text) * (1.0 if plain & _RATES else size_of(unit))
         except ValueError:
             continue
         rate = (
@@ -207,7 +207,7 @@ def _fraction(table: Table, clocks: Sequence[str]) -> str:
             says_nanoseconds(name)
             and values.ndim == 1
             and len(clocks) > 1
-            and float(np.nanmax(values)) * to_si("ns")[1] < 1.0
+            and float(np.nanmax(values)) * size_of("ns") < 1.0
             and float(np.nanmin(values)) >= 0.0
         ):
             return name
@@ -221,7 +221,7 @@ def _whole_seconds(values: Array) -> bool:
 
 
 def _unit_note(column: str, unit: str, values: Array) -> str:
-    steps = np.diff(values[np.isfinite(values)]) * to_si(unit)[1]
+    steps = np.diff(values[np.isfinite(values)]) * size_of(unit)
     forward = steps[steps > 0.0]
     rate = f", which gives {1.0 / float(np.median(forward)):.4g} Hz" if forward.size else ""
     return f"time: column '{column}' taken as {unit}{rate}"
@@ -239,7 +239,7 @@ def _is_held_with(values: Array, clock: Array) -> bool:
 
 def _offset(table: Table, main: str, own: str, main_unit: str) -> float | str:
     """0 where both clocks show the same time, "rows" where they count from different instants."""
-    first = table.columns[main] * to_si(main_unit)[1]
+    first = table.columns[main] * size_of(main_unit)
     second = table.columns[own] * to_si(guess_unit(own, table.columns[own]))[1]
     apart = float(np.nanmedian(np.abs(first - second)))
     return 0.0 if apart < 0.5 else "rows"

@@ -10,17 +10,17 @@ from itertools import pairwise
 from trueup.formats.rules.names import AXES, COMMANDED, MEASURED, listed, taken_apart, words
 from trueup.formats.rules.signals import KINDS
 
+_LEADING = ("command", "actual")
 _LED = tuple(
-    tuple(re.compile(rf"(?<![A-Za-z]){word}(?![A-Za-z])", re.IGNORECASE) for word in pair)
-    for pair in (
-        ("leader", "follower"),
-        ("master", "puppet"),
-        ("master", "slave"),
-        ("actuator", "sensor"),
-        ("stiffness", "damping"),
+    (tuple(re.compile(rf"(?<![A-Za-z]){word}(?![A-Za-z])", re.IGNORECASE) for word in pair), meant)
+    for pair, meant in (
+        (("leader", "follower"), _LEADING),
+        (("master", "puppet"), _LEADING),
+        (("master", "slave"), _LEADING),
+        (("actuator", "sensor"), _LEADING),
+        (("stiffness", "damping"), ("kp", "kd")),
     )
 )
-_LED_AS = (("command", "actual"),) * 4 + (("kp", "kd"),)
 """Words that mean something only where both stand beside the same: of a robot that is led by hand and one that follows it, of
 the gains of a drive (a joint has damping, too). And what they mean then.
 """
@@ -48,7 +48,7 @@ def in_context(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, st
     read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
     for word, meant_by_it in _RSI.items():
         read = {name: word.sub(meant_by_it, as_read) for name, as_read in read.items()}
-    for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
+    for words_of_pair, meant in _LED:
         read = _in_pairs(read, words_of_pair, meant)
     read = _present(_impedance(_inertial(read)))
     own = [f" {' '.join(words(joint))} " for joint in joints if "act" in words(joint)]

@@ -20,7 +20,7 @@ from trueup.formats.table import listing
 from trueup.inspection.relations import nearest
 from trueup.recording import is_command
 from trueup.samples import is_unit
-from trueup.units import FULL_LOCK, are_pulses, canonical, hardly_radians, to_si
+from trueup.units import FULL_LOCK, are_pulses, canonical, hardly_radians, numbers_of, size_of, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _XY, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
@@ -172,13 +172,13 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
     more = ", growing to the left" if channel == "heading" else ""
     more += f"; the numbers of {' and '.join(degrees)} are degrees" if degrees else ""
     if channel == "speed" and not _says(signals[own]) and (unit := _unit_of_speed(columns[0], parts, time)):
-        scale, more = (to_si(unit)[1],), f"; by the way its numbers are {unit}"
+        scale, more = (size_of(unit),), f"; by the way its numbers are {unit}"
     if (
         channel == "position"
         and not any(map(_says, signals.values()))
         and (unit := _unit_of_place(columns, parts, time))
     ):
-        scale, more = (to_si(unit)[1],), f"; by the commanded speed its numbers are {unit}"
+        scale, more = (size_of(unit),), f"; by the commanded speed its numbers are {unit}"
     if channel == "yaw_rate" and not _says(signals[own]) and _turns_in_degrees(columns[0], parts, time):
         scale, more = (math.radians(1.0),), "; by the heading its numbers are degrees per second"
     note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
@@ -220,7 +220,7 @@ def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tupl
         usual = {"speed": "m/s", "sideways": "m/s", "turn": "rad/s", "curvature": "1/m"}
         wanted = "rad" if said and label == "steering" else usual.get(label, "")
         pulses = s.column.parts.tail == "1" or (label == "steering" and are_pulses(s.column.known))  # steer_us
-        share = pulses or s.factor == to_si("%")[1] or s.kind == "erpm"
+        share = pulses or s.factor == size_of("%") or s.kind == "erpm"
         return "" if share else wanted
 
     return tuple(unit(label, s) for label, s in signals.items())
@@ -253,7 +253,7 @@ def _unit_of_speed(column: Column, parts: Sequence[Part], time: TimeColumn) -> s
     both = len(one) > 0 < len(other)
     along = np.hypot(one, np.interp(when, other_when, other)) * place.scale[0] if both else np.zeros(0)
     usual, shown = (float(np.median(np.abs(x))) if len(x) else 0.0 for x in (along, column.known))
-    unit = nearest(shown / usual, {u: 1.0 / to_si(u)[1] for u in _SPEEDS}) if usual > 0.0 else ""
+    unit = nearest(shown / usual, {u: numbers_of(u) for u in _SPEEDS}) if usual > 0.0 else ""
     return unit if unit != "m/s" else ""
 
 
@@ -272,7 +272,7 @@ def _unit_of_place(place: Sequence[Column], parts: Sequence[Part], time: TimeCol
     way = np.stack([np.interp(seconds, instants[good], c.values[good]) for c in place], axis=1)
     commanded = float(np.mean(np.abs(told[0].known))) * max(len(seconds) - 1, 0)
     driven = float(np.hypot(*np.diff(way, axis=0).T).sum())
-    return next((u for u in ("cm", "mm") if 0.5 * commanded < to_si(u)[1] * driven < 2.0 * commanded), "")
+    return next((u for u in ("cm", "mm") if 0.5 * commanded < size_of(u) * driven < 2.0 * commanded), "")
 
 
 def _turns_in_degrees(column: Column, parts: Sequence[Part], time: TimeColumn) -> bool:

@@ -16,7 +16,7 @@ from trueup.formats.rules import joints
 from trueup.formats.rules.joints import BY_KIND
 from trueup.formats.rules.rule import Column
 from trueup.inspection.relations import factor, nearest, rate
-from trueup.units import AS_FAR, hardly_radians, to_si
+from trueup.units import AS_FAR, hardly_radians, numbers_of, size_of, to_si
 
 _TURN = 4096
 """Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""
@@ -101,7 +101,7 @@ class Sizes:
         if name != "position" or speed is None or to_si(speed.unit)[0] != "rad/s":
             return None
         times = self._common("velocity", name, derive=True)
-        unit = nearest(times * to_si(speed.unit)[1], {u: to_si(u)[1] for u in _ANGLES}) if times else ""
+        unit = nearest(times * size_of(speed.unit), {u: size_of(u) for u in _ANGLES}) if times else ""
         return (unit, f"the speeds in {speed.unit} are its rate") if unit else None
 
     def _with_speed(self, name: str, largest: float) -> tuple[str, str] | None:
@@ -109,7 +109,7 @@ class Sizes:
         if name != "position" or not self._open("velocity") or not hardly_radians(largest):
             return None
         times = self._common("velocity", name, derive=True)
-        unit = nearest(times, {u: to_si("deg")[1] / to_si(u)[1] for u in ("rad/s", "rpm")}) if times else ""
+        unit = nearest(times, {u: size_of("deg") / size_of(u) for u in ("rad/s", "rpm")}) if times else ""
         return ("deg", f"the speeds are their rate in {unit}") if unit else None
 
     def _beside_positions(self, name: str) -> tuple[str, str] | None:
@@ -117,7 +117,7 @@ class Sizes:
         for other in _POSITIONS:
             known = self.channels.get(other)
             if other != name and known is not None and known.unit in _ANGLES and known.scale == (1.0,):
-                sizes, si = {u: to_si(u)[1] for u in _ANGLES}, to_si(known.unit)[1]
+                sizes, si = {u: size_of(u) for u in _ANGLES}, size_of(known.unit)
                 times = self._common(name, other, derive=False)
                 unit = nearest(si / times, sizes) if times else ""
                 # Shares of ranges are near a unit in some joints alone.
@@ -128,7 +128,7 @@ class Sizes:
 
     def _in_percent(self, name: str, unit: str) -> bool:
         """Whether commands that would be degrees end where shares of a range do: of +-1.75 rad these are 57 for each."""
-        return unit == "deg" and name != "position" and self._largest(name) == 1.0 / to_si("%")[1]
+        return unit == "deg" and name != "position" and self._largest(name) == numbers_of("%")
 
     def _of_joints(self, name: str, usual: str) -> None:
         """Speeds and torques of joints whose positions are in rad are in SI, unless the positions' rate says otherwise."""
@@ -139,8 +139,8 @@ class Sizes:
         of_known = any(counted or channel.labels == self.channels[p].labels for p in _POSITIONS if p in self.channels
                        and self.channels[p].unit in ("rad", "deg"))  # fmt: skip
         if times is not None and position is not None:
-            per_si = times / (to_si(position.unit)[1] * position.scale[0])
-            unit = nearest(per_si, {u: 1.0 / to_si(u)[1] for u in _SPEEDS})
+            per_si = times / (size_of(position.unit) * position.scale[0])
+            unit = nearest(per_si, {u: numbers_of(u) for u in _SPEEDS})
             why = "" if unit else f"{per_si:.3g} times "
             unit = unit or (usual if 1.0 / AS_FAR < per_si < AS_FAR else "")
             if unit:

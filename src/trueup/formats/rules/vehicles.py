@@ -14,7 +14,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.formats.rules.names import COMMANDED, PLAINLY_MEASURED, TRACKERS, listed, words
 from trueup.formats.rules.rule import Column, Example, Rule
-from trueup.units import canonical, to_si
+from trueup.units import canonical, size_of, to_si
 
 
 def _on_a_globe(values: Array) -> bool:
@@ -232,7 +232,7 @@ def read(column: Column) -> Signal | None:
         kind = "speed"
     commanded = bool((COMMANDED if kind in _POSES else _ASKED) & there)
     commanded |= "drive" in there and not PLAINLY_MEASURED & there and kind in ("speed", "steering")
-    commanded = commanded or (kind == "speed" and factor == to_si("%")[1])  # nobody measures a speed in percent
+    commanded = commanded or (kind == "speed" and factor == size_of("%"))  # nobody measures a speed in percent
     rank = next((i for i, group in enumerate(_TRUSTED) if group & there), 2)
     if kind in ("speed", "yaw_rate"):  # the wheels know the speed and gyroscopes the turn rate, not the tracker
         rank = 0 if _OF_WHEELS & there else 1
@@ -288,8 +288,8 @@ def _unit(column: Column) -> tuple[float | None, list[str]]:
     """What one of its numbers is in SI as its name says it, and the words without the unit; single letters are signals."""
     name = column.parts
     if name.bracketed:
-        return to_si(name.bracketed)[1], name.words
+        return size_of(name.bracketed), name.words
     unit = {"ms": "m/s"}.get(name.tail, name.tail)
     if not unit or canonical(unit) is None or name.words[-1] in ("a", "c", "k", "n", "v") or name.words[-1].isdigit():
         return None, name.words
-    return to_si(unit)[1], name.bare
+    return size_of(unit), name.bare

@@ -117,7 +117,7 @@ def unlike_a_vehicle(trial: Trial, recording: Recording) -> list[str]:
 def _uncommanded(recording: Recording) -> list[str]:
     """A vehicle that drives was told a speed, and a controller that holds it on a path never steers by one same angle."""
     _, places = _legs(recording)
-    if not len(places) or not moves(places):
+    if not len(places) or not moves(recording.channel("position").select(_PLACE).values):
         return []
     command = recording.channel("command")
     constant = {label for label in command.labels if float(np.ptp(_known(command.column(label)))) <= ROUNDED}

@@ -15,12 +15,11 @@ from trueup.errors import RobotFellError, TrialError
 from trueup.robots.rcss.body import Body
 from trueup.robots.rcss.connection import Connection
 from trueup.robots.rcss.percept import Percept, percept
+from trueup.rounding import PRINTED
 from trueup.units import GRAVITY
 
 CYCLE = 0.02
 """s from one message to the next, of both servers."""
-_CLOCK = 0.0101
-"""s: servers cut their time to hundredths, so that one cycle looks like 10, 20 or 30 ms."""
 _UPRIGHT = np.array([0.0, 0.0, 1.0])
 _STEADY = 0.5
 """s over which an accelerometer is averaged into which way is up."""
@@ -104,7 +103,8 @@ class Agent:
             )
         passed = self.now.time - self._began
         self.cycle += 1
-        if abs(passed - self.cycle * CYCLE) > _CLOCK:  # cycles were missed
+        # Servers cut their time to hundredths, so that one cycle looks like 10, 20 or 30 ms: beyond, some were missed.
+        if abs(passed - self.cycle * CYCLE) > 0.5 * CYCLE + PRINTED:
             self.cycle = round(passed / CYCLE)
         if self.now.orientations:
             self._up = up_of(np.array(next(iter(self.now.orientations.values()))))

@@ -30,6 +30,8 @@ class Joint:
     """N m s/rad; SimSpark has none."""
     sign: float = 1.0
     """-1 where the server turns it the other way."""
+    fastest: float = math.radians(351.77)
+    """rad/s that an effector which takes speeds is told at most: of SimSpark's Nao (`naorobottypes.rb`)."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Body:
         parts = []
         for joint, angle, now in zip(self.joints, target, seen, strict=True):
             if self.simspark:
-                speed = float(np.clip(joint.kp * (angle - now), -_FASTEST, _FASTEST))
+                speed = float(np.clip(joint.kp * (angle - now), -joint.fastest, joint.fastest))
                 parts.append(f"({joint.effector} {joint.sign * speed:.5f})")
             else:
                 degrees = math.degrees(joint.sign * angle)
@@ -98,8 +100,6 @@ class Body:
         return replace(self, joints=tuple(joints))
 
 
-_FASTEST = math.radians(351.77)
-"""rad/s of SimSpark's joints (`naorobottypes.rb`)."""
 _UT = math.degrees(0.15)
 """1/s: UT Austin Villa's released agent turns a joint by .15 rad/s for each degree that it is off."""
 

@@ -17,8 +17,8 @@ from trueup.engines.mujoco.base import floating, free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.floor import Reach
-from trueup.inspection.inspection import Gap
 from trueup.inspection.pauses import parted
+from trueup.inspection.stamps import Gap
 from trueup.noise import FEWEST
 from trueup.recording import Recording
 from trueup.samples import MOSTLY
