@@ -12,6 +12,7 @@ from trueup.arrays import Array
 from trueup.evidence import HALVED
 from trueup.instant import MISSING, usual_step
 from trueup.noise import estimate_noise, spread
+from trueup.rounding import SAME_INSTANT
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ def restless(time: Array, values: Array, gaps: Sequence[Gap]) -> bool:
     after = np.searchsorted(time, [gap.start for gap in gaps], side="right")
     ends = np.unique(np.concatenate([[0], after - 1, after, [len(time) - 1]])).clip(0, len(time) - 1)
     even = np.interp(np.arange(len(time)), ends, time[ends])
+    if np.allclose(even, time, rtol=0.0, atol=SAME_INSTANT):
+        return False
     none = [None] * values.shape[1]  # a grid leaves the same with both
     scatter, left = (estimate_noise(values, at, none) for at in (time, even))
     return bool(np.any(left < HALVED * scatter))
