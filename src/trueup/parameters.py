@@ -48,6 +48,9 @@ class Parameter:
     """Whether its lower bound is as good as none of it: a delay of 0 s, friction of a model that has none."""
     asked: bool = True
     """False where it is frozen since nobody asked for it: its nominal value is what the model has, and may be wrong."""
+    told: bool = True
+    """False where no motion of the robot tells it from others, whatever slopes say: of a joint that follows another one, to
+    which a simulator's soft constraint holds it with a play that the robot does not have."""
 
     def __post_init__(self) -> None:
         """Checks the declaration."""

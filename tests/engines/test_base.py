@@ -204,6 +204,18 @@ def test_quaternions_of_an_inertial_unit_speak_against_a_stand_too(tmp_path: Pat
     assert any("It was not held: by 'imu_quat' it turned by" in note for note in notes)
 
 
+def test_a_quaternion_under_another_name_is_offered_as_the_bases(tmp_path: Path) -> None:
+    """Of columns mc_x_mm ... mc_qw ... nothing but "no recording tells where it was" was said."""
+    time = np.arange(0.0, 1.0, 0.01)
+    still = Channel("command", _JOINTS, "rad", time, np.zeros((len(time), len(_JOINTS))))
+    upright = Channel("mc", ("qw", "qx", "qy", "qz"), "", time, np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1)))
+    plain = {c.name: c for c in (still, still.replace(name="position"))}
+    for channels, offered in (({**plain, "mc": upright}, True), (plain, False)):
+        _, notes = simulator_for(_written(tmp_path), [Recording("walk", channels)])
+        (note,) = (n for n in notes if "held in the air" in n)
+        assert ("If 'mc' is the base's, call it [channels.base_orientation]" in note) == offered
+
+
 @pytest.mark.parametrize(("stands", "pace"), [(True, 0.0), (True, 0.5), (False, 0.0)])
 def test_joints_that_rest_as_under_the_robots_weight_speak_against_a_stand(
     tmp_path: Path, stands: bool, pace: float

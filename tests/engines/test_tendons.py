@@ -100,6 +100,23 @@ def test_the_opening_of_a_gripper_is_that_of_the_finger_which_the_gripper_drives
     assert "gripper_width -> finger_left" in said
 
 
+def test_inspect_names_a_command_as_the_drive_of_several_joints_that_is_alike(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It said that nothing was found for `flexor`, and that `flexor_motor` was left."""
+    text = file.read_text().replace('name="left"', 'name="flexor_motor"').replace('name="right"', 'name="turn_motor"')
+    file.write_text(text)
+    table = np.stack([TIME, ELBOW, LEFT, RIGHT, ELBOW, PITCH, ROLL], axis=1)
+    head = "t,elbow_set_rad,flexor_set_rad,turn_set_rad,elbow_rad,pitch_rad,roll_rad"
+    np.savetxt(file.with_name("log.csv"), table, delimiter=",", header=head, comments="")
+    monkeypatch.chdir(file.parent)
+    assert main(["inspect", "log.csv", "--model", "wrist.xml"]) == 0
+    said = capsys.readouterr().out
+    assert "no joint of the model was found" not in said
+    assert "flexor -> flexor_motor, turn -> turn_motor" in said
+    assert 'flexor = "flexor_motor"' in file.with_name("mapping.toml").read_text()
+
+
 GRIPPER = """<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size=".05"/>
 <body><joint name="left" type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/></body>
 <body><joint name="right" type="slide" axis="0 -1 0" range="0 .04"/><geom size=".01"/></body></body></worldbody>

@@ -110,9 +110,11 @@ def alike(model: Model, structures: Mapping[str, tuple[Declaration, ...]]) -> li
     return list(groups.values())
 
 
-def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declaration, ...]:
+def undeclared(
+    model: Model, assignments: Sequence[Assignment], following: Sequence[str] = ()
+) -> tuple[Declaration, ...]:
     """A line for each of RELATED at each joint and drive for which no parameter is declared, as far as the model has it:
-    what is zero there is no number that could be wrong.
+    what is zero there is no number that could be wrong. So is friction of the joints `following` others by a constraint.
     """
     there = {(a.kind, target) for a in assignments for target in a.targets}
     lines = []
@@ -122,6 +124,8 @@ def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declara
         lines.append(
             Declaration(name, tuple(t for t in targets if (name, t) not in there and q.nominal(model, t) > 0.0))
         )
+    held = (j for j in following if ("friction", j) not in there and quantity("friction").nominal(model, j) > 0.0)
+    lines.append(Declaration("friction", tuple(held)))
     return tuple(line for line in lines if line.of)
 
 

@@ -24,7 +24,7 @@ from trueup.formats.rules.joints import SETTINGS
 from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.alignment import on_other_clocks
-from trueup.inspection.joint_names import match_joints, one_each
+from trueup.inspection.joint_names import alike_names, match_joints, one_each
 from trueup.inspection.sensors import labels_of, sensed
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
@@ -166,11 +166,8 @@ def _seen_by(model: str, recordings: Sequence[Recording]) -> tuple[Sequence[Reco
 def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
     joints, others = _drives_of(model)
     strange = [label for label in _labels(recordings) if label not in joints and label not in others]
-    return (
-        [f"{Path(model).name} has no joint {', '.join(strange)}; its joints are: {', '.join(joints)}"]
-        if strange
-        else []
-    )
+    said = f"{Path(model).name} has no joint {', '.join(strange)}; its joints are: {', '.join(joints)}"
+    return [said] if strange else []
 
 
 def _renamed(
@@ -181,9 +178,11 @@ def _renamed(
     if all(label in drives for label in labels):
         return guess, []
     measured = [x for x in labels if any(r.has("position") and x in r.channel("position").labels for r in recordings)]
+    several = alike_names([x for x in labels if x not in measured and x not in drives], list(others))
+    labels = [label for label in labels if label not in several]
     parts = [match_joints(part, drives) for part in (measured, [x for x in labels if x not in measured]) if part]
-    names = one_each({label: joint for found, _ in parts for label, joint in found.items()}, recordings)
-    how = max(how for _, how in parts)  # 'by order' where any is, else 'by name'
+    names = one_each({label: joint for found, _ in parts for label, joint in found.items()} | several, recordings)
+    how = max((how for _, how in parts), default="by name")  # 'by order' where any is
     said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
     notes = [f"joints renamed {how}: {said}"] if said else []
     unknown = [label for label in labels if label not in names]

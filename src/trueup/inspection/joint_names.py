@@ -68,7 +68,7 @@ def named_as(
         names, how = sure_names(measured, drives)
         recordings, more = _renamed(recordings, names, how)
         notes += more
-    recordings, more = _renamed(recordings, _alike(_labels(recordings, is_command), others), _BY_NAME)
+    recordings, more = _renamed(recordings, alike_names(_labels(recordings, is_command), others), _BY_NAME)
     notes += more
     known = {*drives, *drives.values(), *others, *_labels(recordings, lambda name: name == "position")}
     told = [label for label in _labels(recordings, is_command) if label not in known]
@@ -84,13 +84,13 @@ def named_as(
 def sure_names(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[str, str], str]:
     """What `match_joints` finds; by order only if the labels merely count: other names may be other joints."""
     names, how = match_joints(labels, drives)
-    alike = _alike(labels, list(drives))
+    alike = alike_names(labels, list(drives))
     if how == _BY_NAME or all(_core(label).isdigit() for label in names if label not in alike) or _counting(labels):
         return names, how
     return alike, _BY_NAME
 
 
-def _alike(labels: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+def alike_names(labels: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Each label to the name that is the same, or the same but for capitals and words that say nothing."""
     alike: dict[str, str] = {}
     for key in (str, plain_name, _core):

@@ -112,8 +112,23 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
             sure = left @ left + PRIOR / (p.upper - p.lower) ** 2
             half, there = NORMAL_95 / np.sqrt(sure), p.nominal - pull / sure
             low, high = max(p.lower, min(p.nominal, there) - half), min(p.upper, max(p.nominal, there) + half)
+            if not p.told:
+                low, high = _within_bounds(p, trade, fit)
             found.append(Considered(p, trade, low, high, left, pull, calibrated=k < len(free)))
     return (*found, *_of_step(part, fit, seen, settled))
+
+
+def _within_bounds(p: Parameter, trade: Array, fit: Fit) -> tuple[float, float]:
+    """Between which ends a quantity may be that nothing tells: its bounds, as far as the estimates that make up for it stay
+    within theirs.
+    """
+    free = [(q, float(value)) for q, value in zip(fit.space.parameters, fit.values, strict=True) if not q.frozen]
+    ends = [
+        sorted(((q.lower - value) / t, (q.upper - value) / t))
+        for (q, value), t in zip(free, trade.tolist(), strict=True) if t != 0.0
+    ]  # fmt: skip
+    below, above = (max((e[0] for e in ends), default=-np.inf), min((e[1] for e in ends), default=np.inf))
+    return max(p.lower, p.nominal + min(below, 0.0)), min(p.upper, p.nominal + max(above, 0.0))
 
 
 def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]) -> list[Considered]:

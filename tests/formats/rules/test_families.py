@@ -102,3 +102,11 @@ def test_a_command_of_a_joint_called_base_is_not_said_to_be_the_pose_of_a_base(t
     found = guess(tmp_path, columns, ("j1_base", "elbow"))
     assert found.channels["command"].labels == ("j1_base", "elbow")
     assert not any("pose of a base" in note for note in found.notes)
+
+
+def test_what_a_base_below_a_models_joints_does_makes_no_vehicle_of_the_log(tmp_path: Path) -> None:
+    """The place of a rover under a head became the position of pan and tilt, and their commands none."""
+    columns = [f"{joint}_{kind}_deg" for kind in ("goal", "pos") for joint in ("pan", "tilt")]
+    found = guess(tmp_path, [*columns, "odom_x", "odom_y", "odom_yaw"], ("base_x", "pan", "tilt"))
+    assert found.channels["command"].columns == tuple(columns[:2])
+    assert found.channels["position"].columns == tuple(columns[2:])

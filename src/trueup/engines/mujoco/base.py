@@ -16,6 +16,7 @@ from trueup.articulated.pose import (
     ORIENTATION,
     POSITION,
     in_angles,
+    is_quaternion,
     quaternion_of,
     turning,
 )
@@ -88,6 +89,7 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
         "z or roll, pitch, yaw), or how it was turned alone from a rest on its feet on (that orientation, or a gyro and an "
         "accelerometer on the base, in their units), or refuse this: it then begins free, as in the first keyframe"
     )
+    note += _perhaps(recordings)
     angle, sensor = turned(recordings)
     hanging = model.changed(spec, "with its base held", note)
     if angle > _TURNS:
@@ -96,6 +98,15 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
     elif against := stood(model, hanging.compiled, recordings):
         note += f". It was not held: {against}. What is found of the joints stands for that weight too, however sure it looks"
     return model.changed(spec, "with its base held", note)
+
+
+def _perhaps(recordings: Sequence[Recording]) -> str:
+    """Which quaternions may be the base's, under a name that no rule knows; '' where there is none."""
+    found = dict.fromkeys(
+        name for r in recordings for name, c in r.channels.items() if name != ORIENTATION and is_quaternion(c.labels)
+    )
+    named = f"[channels.{ORIENTATION}] (labels w, x, y, z), and the x, y, z beside it [channels.{POSITION}]"
+    return f". If {' or '.join(map(repr, found))} is the base's, call it {named} in the mapping" if found else ""
 
 
 def spared(compiled: mujoco.MjModel, joint: int) -> list[tuple[int, int]]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -29,6 +29,7 @@ from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.run import Run
 from trueup.engines.mujoco.setup.footsteps import with_pose
+from trueup.engines.mujoco.setup.tendons import leading
 from trueup.engines.mujoco.stepping import unclocked
 from trueup.engines.mujoco.trees import Trees
 from trueup.engines.mujoco.wiring import actuators_of, source_of
@@ -126,7 +127,9 @@ class MujocoSimulator:
 
     def related(self) -> MujocoSimulator | None:
         """See `engines.simulator.Related`: what is not declared at its joints and drives."""
-        return self._with(undeclared(self.model, self.quantities))
+        joints = self.model.scalar_joints()
+        led = {*joints} - {*leading(self.model, joints)}
+        return self._with(undeclared(self.model, self.quantities, [j for j in joints if j in led]), led)
 
     def structures(self) -> dict[str, Simulator]:
         """See `engines.simulator.Related`."""
@@ -147,12 +150,13 @@ class MujocoSimulator:
         """See `trueup.proportion.Weighed`."""
         return proportion(self.model, space, self.quantities)
 
-    def _with(self, lines: Sequence[Declaration]) -> MujocoSimulator | None:
-        """The same with further parameters behind its own, where it can have any."""
+    def _with(self, lines: Sequence[Declaration], led: Set[str] = frozenset()) -> MujocoSimulator | None:
+        """The same with further parameters behind its own, where it can have any; no motion tells those of joints `led`."""
         space, more = declare(self.model, lines)
         if not more or len(self.parameters) > len(self.quantities):
             return None
-        whole = concatenate([self.parameters, space])
+        further = [p.replace(told=led.isdisjoint(a.targets)) for p, a in zip(space.parameters, more, strict=True)]
+        whole = concatenate([self.parameters, ParameterSpace(tuple(further))])
         other = MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
                                 controller=self.controller, gains=self.gains)  # fmt: skip
         if other._touching is None:  # known of the same bodies: contacts cost several times what all else does

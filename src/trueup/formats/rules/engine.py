@@ -53,7 +53,8 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
         found = "; ".join(f"{t.name}: {listing(t.columns)}" for t in tables)
         raise MappingError(f"no column but time holds numbers, so there is no channel; found {found}")
     named = joints_in(columns, known or (), several=len(tables) > 1)
-    parts = drive([c for c in columns if c not in named or not known], clocks.main, vehicle=known is None)
+    # What names joints of the model is of these, whatever rides below them.
+    parts = [] if known and named else drive(columns, clocks.main, vehicle=known is None)
     used = {column for part in parts for column in part.columns}
     left = [c for c in columns if c not in used]
     proposals = _proposals(left, named, known or (), driven=bool(parts), several=len(tables) > 1)

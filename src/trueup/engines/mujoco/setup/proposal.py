@@ -16,7 +16,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base
 from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
-from trueup.engines.mujoco.setup.tendons import of_several_joints
+from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
@@ -56,19 +56,19 @@ def propose(
     """
     clocks = clocks or {}
     joints = moving_joints(model, recordings) or model.scalar_joints()
-    driven = model.actuator_of_joint()
+    leaders, driven = leading(model, joints), model.actuator_of_joint()
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
     several = _pulled(model, recordings)
     pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
     lines = [*([Declaration("kp", stiff)] if (stiff := (*servos, *pulling)) else []), *_of_pulling(model, pulling)]
-    lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
+    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos})
     lines += [
-        Declaration("friction", joints),
+        Declaration("friction", leaders),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
         Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
-        Declaration("armature", joints),
-        Declaration("damping_quadratic", joints, optional="quadratic damping"),
+        Declaration("armature", leaders),
+        Declaration("damping_quadratic", leaders, optional="quadratic damping"),
         *_of_springs(model, joints),
     ]
     lines += [*_leads(servos), *_punches(model, servos)]

@@ -62,6 +62,18 @@ def pulls(model: Model) -> dict[str, dict[str, float]]:
     return found
 
 
+def leading(model: Model, joints: Sequence[str]) -> tuple[str, ...]:
+    """These joints without those that equality constraints have follow others of them: both are one degree of freedom, of
+    which motion tells one friction, one damping and one inertia, wherever they act. What is driven leads.
+    """
+    driven, kept = model.actuator_of_joint(), list(joints)
+    for tie, _ in _ties(model):
+        follower, leader = sorted(tie, key=lambda joint: joint in driven)  # stable: the first follows the second
+        if tie[leader] != 0.0 and tie[follower] != 0.0 and {follower, leader} <= set(kept):
+            kept.remove(follower)
+    return tuple(kept)
+
+
 def _ties(model: Model) -> list[tuple[dict[str, float], float]]:
     """Sums of joints that the model's equality constraints hold at a value, of those that are straight lines."""
     m, joints, found = model.compiled, model.names("joint"), []
