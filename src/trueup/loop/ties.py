@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95, Estimate, Nuisance
@@ -24,7 +25,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import FORETOLD
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
-from trueup.search.bounded_step import damped_step, gain
+from trueup.search.bounded_step import gain
 from trueup.search.robust import robust_weights
 from trueup.verdicts import PRIOR, vague
 
@@ -142,28 +143,37 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
         return []
     slope = (own - finer) / (0.5 * step)
     _, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
-    moved = fit.space.from_unit(_settled(twin, fit, slopes, own, finer)) - fit.values
-    whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved[fit.space.free], 0.0)
+    moved = _settled(twin, fit, slopes, own, finer) - fit.values[fit.space.free]
+    whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved, 0.0)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step), 0.0, step, left, pull)]
 
 
 def _settled(twin: Problem, fit: Fit, slopes: _Slopes, own: Array, finer: Array) -> Array:
-    """(n_free,) where in the unit box the `twin` of a problem pulls as little as the problem does at the fit, where it leaves
-    its `own` residuals and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by
-    the slopes of the problem, for as long as there is more than chance to correct, and ever less.
+    """(n_free,) values at which the `twin` of a problem pulls as little as the problem does at the fit, where it leaves its
+    `own` residuals and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by the
+    slopes of the problem, for as long as there is more than chance to correct, and ever less, in no more replays than slopes
+    have taken. It goes by values: to what is next to nothing a logarithm leads no way.
     """
-    boxed, at, before = slopes.boxed[0, : len(slopes.units)], fit.unit, np.inf
+    lower, upper = np.array([(p.lower, p.upper) for p in fit.space.parameters if not p.frozen]).T
+    boxed = slopes.boxed[0, : len(slopes.units)] * ((upper - lower) / slopes.units)[:, None]
     curvature = (boxed * slopes.weights) @ boxed.T + PRIOR * np.eye(len(boxed))
-    chance = float(np.mean(slopes.weights * own**2))
-    while np.isfinite(finer).all():
-        pull = boxed @ (slopes.weights * (finer - own))
-        step = damped_step(curvature, pull, 0.0, at)
+    root, chance = np.linalg.cholesky(curvature), float(np.mean(slopes.weights * own**2))
+    values, found, before = fit.values.copy(), fit.values[fit.space.free], np.inf
+    for _ in range(2 * len(boxed)):
+        at, pull = (values[fit.space.free] - lower) / (upper - lower), boxed @ (slopes.weights * (finer - own))
+        within = np.maximum(-at, -FORETOLD), np.minimum(1.0 - at, FORETOLD)
+        step = lsq_linear(root.T, -np.linalg.solve(root, pull), within, method="bvls").x
         left = gain(curvature, pull, step)
-        if not chance < left < before:
+        if not left < before:
             break
-        before, at = left, np.clip(at + np.clip(step, -FORETOLD, FORETOLD), 0.0, 1.0)
-        finer = twin.residuals(fit.space.from_unit(at)[None])[0]
-    return at
+        found = values[fit.space.free]
+        if left < chance:
+            break
+        before, values[fit.space.free] = left, np.clip(found + (upper - lower) * step, lower, upper)
+        finer = twin.residuals(values[None])[0]
+        if not np.isfinite(finer).all():
+            break
+    return found
 
 
 def nuisance(others: Sequence[Considered]) -> Nuisance | None:
