@@ -33,6 +33,7 @@ from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.instant import STILL
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import rms
@@ -40,8 +41,6 @@ from trueup.units import GRAVITY
 
 _CUTS = (1, FEWEST_PARTS, TIME_BLOCKS)
 """Parts of a log in which a mistake is looked for: all, as few as evidence allows, as many as structures are asked in."""
-_TILTS = (0.4, 0.1, 0.03)
-"""rad: steps in which the direction of gravity is sought."""
 FURTHEST = 0.2
 """rad: how far slopes hold. A turn that is known no better is not known; one that is larger is another mounting."""
 _SMALL, _SURELY = 0.02, 0.5
@@ -202,12 +201,14 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float)
     directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
     tried = [(error(g), g) for g in directions if g @ tree.gravity < 0.9 * size**2]
     best, gravity = min([(relative, np.asarray(tree.gravity)), *tried], key=lambda entry: entry[0])
-    for step in _TILTS:
+    step = 2.0 * FURTHEST
+    while step > STILL:
         before = np.inf
         while best < before:
             before, across = best, np.linalg.svd(gravity[None])[2][1:]  # two directions at right angles to it
             turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
             best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
+        step *= HALVED**2
     best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
     if error(np.zeros(3)) < min(best, HALVED * relative):
         said = "the torque seems to hold no gravity, as where a controller takes it out: identify with --gravity 0 0 0"
