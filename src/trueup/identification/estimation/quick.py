@@ -39,8 +39,6 @@ from trueup.rounding import TINY
 from trueup.samples import rms
 from trueup.units import GRAVITY
 
-_CUTS = (1, FEWEST_PARTS, TIME_BLOCKS)
-"""Parts of a log in which a mistake is looked for: all, as few as evidence allows, as many as structures are asked in."""
 FURTHEST = 0.2
 """rad: how far slopes hold. A turn that is known no better is not known; one that is larger is another mounting."""
 _SMALL, _SURELY = 0.02, 0.5
@@ -76,7 +74,7 @@ def doubts(
     suspects = {k: own for k, (_, own) in enumerate(alone) if own} or ({first: driven} if driven else {})
     slow = slow_cutoff(logs[0].rate)
     motions = {k: logs[k].motion(slow, measured_speed=False) for k in (first, *suspects)}
-    fits = {k: foretelling_fit(motion, tree, drives, slow, parts=_CUTS) for k, motion in motions.items()}
+    fits = {k: foretelling_fit(motion, tree, drives, slow) for k, motion in motions.items()}
     found = {k: s for k, own in suspects.items() if (s := signs(motions[k], tree, own, fits[k])).likely}
     if not _as_good_turned(pool, parts, {k: suspects[k] for k, s in found.items() if s.certain}, relative):
         found = {k: s for k, s in found.items() if not s.sure}
@@ -136,15 +134,17 @@ def quick_fit(
     motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0
 ) -> Callable[[Motion], float]:
     """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
-    fit = foretelling_fit(motion, tree, drives, cutoff, hold_out)
+    fit = foretelling_fit(motion, tree, drives, cutoff, hold_out, parts=(1,))
     return lambda changed: float(np.sqrt(fit(changed)[0].sum()))
 
 
 def foretelling_fit(
     motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0,
-    parts: Sequence[int] = (1,),
+    parts: Sequence[int] = (1, FEWEST_PARTS, TIME_BLOCKS),
 ) -> Fit:  # fmt: skip
-    """As `quick_fit`, to the squared relative errors of so many `parts`, each foretold by the others; of one, as fitted."""
+    """As `quick_fit`, to the squared relative errors of so many `parts`, each foretold by the others; of one, as fitted. A
+    mistake is looked for in all, in as few as evidence allows, and in as many as structures are asked in.
+    """
     pool = pool_for(tree, drives.coupling, [motion], springs=drives.springs)
     model, active = pool.basic()
 
@@ -190,10 +190,7 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float)
         return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff)(motion)
 
     def suspected(gravity: Array, said: str) -> Suspicion:
-        fits = (
-            foretelling_fit(motion, tree.replace(gravity=g), drives, cutoff, parts=_CUTS)
-            for g in (tree.gravity, gravity)
-        )
+        fits = (foretelling_fit(motion, tree.replace(gravity=g), drives, cutoff) for g in (tree.gravity, gravity))
         before, after = (fit(motion) for fit in fits)
         return Suspicion(said, before, after)
 
