@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +89,11 @@ def together(first: Evidence, parts: int, second: Evidence, more: int) -> Eviden
     gain = (parts * first.gain + more * second.gain) / (parts + more)
     error = np.hypot(parts * first.standard_error, more * second.standard_error) / (parts + more)
     return Evidence(float(gain), float(error))
+
+
+def chance() -> float:
+    """That a gain of `STANDARD_ERRORS` is none, to either side: about one in twenty."""
+    return math.erfc(STANDARD_ERRORS / math.sqrt(2.0))
 
 
 def without_each(parts: Array) -> Array:

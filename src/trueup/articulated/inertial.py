@@ -24,7 +24,6 @@ from trueup.units import GRAVITY, numbers_of, to_si
 CALM = 1.0  # s over which steps and pushes average out, and gravity stays
 _FASTEST = 35.0
 """rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
-_COUNTS = 100.0  # times gravity in g: units that anyone uses are below, raw numbers of a converter are beyond
 _ACCELERATIONS = {"m/s^2": GRAVITY, "g0": 1.0, "mg": 1000.0}
 RATES = {unit: numbers_of(unit) for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
 _NAMES = {"g0": "g", "mg": "thousandths of g"}
@@ -118,7 +117,7 @@ def _acceleration(name: str, recordings: Sequence[Recording]) -> tuple[str, str]
             unit,
             f"{seen:.4g} stays over a second, which is gravity in {_NAMES.get(unit, unit)}: {_say(unit)}",
         )
-    if seen > _COUNTS:
+    if seen > GRAVITY:  # in the smallest unit in which it is no thousandths: raw numbers of a converter
         return (
             "",
             f'{seen:.5g} stays over a second. If that is gravity, give unit = "m/s^2", scale = {GRAVITY / seen:.5g}',

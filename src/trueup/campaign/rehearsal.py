@@ -18,11 +18,9 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import PlanError, TrueupError, unknown_name
 from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
+from trueup.noise import FEWEST
 from trueup.tasks.task import robot_trials
 from trueup.trial import Limits, Trial
-
-_RUNS = 8
-"""Simulated runs that meet different chance: that half of them fall by luck where one in ten does has odds of 1 in 200."""
 
 
 @contextmanager
@@ -48,9 +46,10 @@ def rehearse(parts: Parts, plan: Plan) -> str:
     what the simulator raises.
     """
     task, simulator = parts.task, parts.simulator
-    # Side by side, so that a score of the wrong shape shows; where chance acts, as many as tell whether most of them fall.
+    # Side by side, so that a score of the wrong shape shows; where chance acts, as many as tell whether most of them fall:
+    # that half of eight do by luck where one in ten does has odds of 1 in 200.
     by_chance = any(t.disturbances or t.sensing for t in task.trials)
-    rows = max(2, math.ceil(_RUNS / max(len(task.trials), 1))) if by_chance else 2
+    rows = max(2, math.ceil(FEWEST / max(len(task.trials), 1))) if by_chance else 2
     with blamed(f"task '{task.name}', before anything moved", PlanError):
         trials = robot_trials(task, task.parameters.nominal)
         if len(trials) != len(task.trials):

@@ -20,7 +20,6 @@ STRIDE = 0.2
 _AHEAD = round(STRIDE / LOOK)
 _SLIPS = 0.2
 """Of how far the base went: less makes nobody wrong, and is not looked into."""
-_SAID = 2  # ways, the best: what one leg shows tells seldom whether others were mixed up, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +70,8 @@ def sliding(legs: Legs | None, recordings: Sequence[Recording]) -> tuple[str, ..
             better[words] = found
     if not better:
         return ()
-    best = sorted(better, key=lambda words: _size(better[words]))[:_SAID]
+    least = min(map(_size, better.values()))  # what one leg shows tells seldom whether others were mixed up, too
+    best = [w for w in sorted(better, key=lambda words: _size(better[words])) if HALVED * _size(better[w]) <= least]
     ways = ", or by ".join(f"{1e3 * _size(better[words]):.1f} mm if {words}" for words in best)
     return (
         f"by joints and base the feet slide: within {STRIDE:g} s the base goes elsewhere than feet that stand still "

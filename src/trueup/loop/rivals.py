@@ -20,15 +20,15 @@ from trueup.calibration import NORMAL_95, Estimate
 from trueup.engines.simulator import related_of
 from trueup.loop.descent import Fit
 from trueup.loop.problem import WORTH, Problem
+from trueup.loop.scans import SIZES
 from trueup.loop.uncertainty import FORETOLD, INEXACT
 from trueup.parameters import Parameter
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses
 
-_SIZES = 10.0 ** np.array([-3.0, -0.75])
-"""Shares of its range at which a structure is looked at; the second where the recordings leave the first open."""
 _FACTORS = np.array([0.25, 0.625])
-"""The same for what may be wrong by a factor, of the range's logarithm."""
+"""Shares of the logarithm of its range at which what may be wrong by a factor is looked at; the second where the recordings
+leave the first open."""
 SAME = 0.1  # share of a value by which it may be another with what a model lacks, and be called identified
 
 
@@ -99,7 +99,7 @@ def _candidates(problem: Problem, found: Fit) -> list[_Candidates]:
 def _sizes(p: Parameter) -> Array:
     """(2,) values of a parameter, from nearly none of it to as much as there may be."""
     if p.scale == "linear":
-        return p.lower + _SIZES * (p.upper - p.lower)
+        return p.lower + SIZES[[1, -1]] * (p.upper - p.lower)
     if p.absent is not None and p.absent > p.upper:  # a limit: the lower, the more of it
         return np.asarray(p.upper * (p.lower / p.upper) ** _FACTORS)
     return np.asarray(p.lower * (p.upper / p.lower) ** _FACTORS)

@@ -22,8 +22,7 @@ from trueup.rounding import TINY
 from trueup.verdicts import PRIOR
 
 # Shares of the way to a bound at which parameters are looked at: what cannot be less than none has no slope there.
-_SIZES = 10.0 ** np.arange(-3.75, 0.0, 0.75)
-_SIGNED = 10.0 ** np.array([-1.5, -0.75])  # to either side of what a model has
+SIZES = 10.0 ** np.arange(-3.75, 0.0, 0.75)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,5 +127,6 @@ def missed(problem: Problem, found: Fit, held: Sequence[Parameter], need: float)
 def _places(p: Parameter) -> Array:
     """(P,) values at which a parameter is looked at."""
     if p.nominal <= p.lower:
-        return p.nominal + _SIZES * (p.upper - p.nominal)
-    return np.concatenate([p.nominal - _SIGNED * (p.nominal - p.lower), p.nominal + _SIGNED * (p.upper - p.nominal)])
+        return p.nominal + SIZES * (p.upper - p.nominal)
+    large = SIZES[-2:]  # to either side of what a model has
+    return np.concatenate([p.nominal - large * (p.nominal - p.lower), p.nominal + large * (p.upper - p.nominal)])

@@ -30,7 +30,6 @@ _PLACES = np.linspace(0.04, 0.96, 16)
 """Shares of the range in which a structure is looked for."""
 _AROUND = np.linspace(-0.04, 0.04, 25)
 """The same around where it was found."""
-_CLOSER = 2  # times at most
 
 
 def grown(
@@ -112,14 +111,14 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
     switch from speeding up to slowing down, and the loss has cracks at which slopes end.
     """
     found = descent.finished(look)
-    for _ in range(_CLOSER):
+    while True:
         entering = np.array([p.name in declared for p in found.space.parameters if not p.frozen])
         places = np.repeat(found.unit[None], len(_AROUND), axis=0)
         places[:, entering] = np.clip(places[:, entering] + _AROUND[:, None], 0.0, 1.0)
         residuals = look.cheap.residuals(found.space.from_unit(places))
         losses = [settled_loss(found, np.flatnonzero(~entering), residual) for residual in residuals]
         if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
-            break
+            return found
         descent.restart(places[int(np.argmin(losses))])
         settle(descent)
         before, found = found, descent.finished(look)
@@ -127,7 +126,6 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
             descent.restart(before.unit)
             descent.stay(look)
             return before
-    return found
 
 
 def _places(count: int) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Replay
+from trueup.evidence import EXPLAINED
 from trueup.instant import usual_step
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score, label_score
@@ -19,8 +20,6 @@ from trueup.rounding import SAME_INSTANT
 TELLING = 0.25
 """A pattern is named when it explains at least this share of the squared error."""
 
-AT_NOISE = 1.3
-"""An error within 1.3 x the measurement noise leaves nothing to explain."""
 
 WINDOW = 1.0
 """Length of the worst moment, in s."""
@@ -91,7 +90,7 @@ def _hint(replays: Sequence[Replay], label: str, scale: Scale) -> Hint | None:
 
 
 def _sentence(replays: Sequence[Replay], label: str, score: Score, scale: Scale) -> str:
-    if score.after <= AT_NOISE * score.noise:
+    if score.after <= EXPLAINED * score.noise:
         return "at the measurement noise: these recordings show nothing more to explain"
     error, position, speed = _samples(replays, label)
     mean_square = float(np.mean(error**2)) if error.size else 0.0

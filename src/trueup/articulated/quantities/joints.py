@@ -98,7 +98,7 @@ JOINTS = (
     ),
     Quantity(
         name="friction_load", family="joint", unit="", title="friction that grows with load", bounds=between(0.0, 1.0),
-        law=VaryingFriction, nothing=0.0,
+        law=VaryingFriction, start=0.05, nothing=0.0,  # at zero no slope leads away from sticking
     ),
     Quantity(
         name="armature", family="joint", unit="kg m2", title="rotor inertia", scale="log", bounds=factor(100, 50, 0.005),

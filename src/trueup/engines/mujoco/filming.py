@@ -25,7 +25,7 @@ from trueup.recording import Recording
 
 Pictures = NDArray[np.uint8]
 
-_SHOWN = 3  # groups of geoms that MuJoCo's own viewer shows
+_SHOWN = mujoco.MjvOption().geomgroup.astype(bool)  # groups of geoms that MuJoCo's own viewer shows
 _LIBRARIES = ("egl", "osmesa") if sys.platform.startswith("linux") else ("cgl", "glfw")
 
 
@@ -158,7 +158,7 @@ def _reach(compiled: mujoco.MjModel) -> float:
     data = mujoco.MjData(compiled)
     data.qpos[:] = rest(compiled)[0]
     mujoco.mj_forward(compiled, data)
-    moving = np.flatnonzero((compiled.body_weldid[compiled.geom_bodyid] != 0) & (compiled.geom_group < _SHOWN))
+    moving = np.flatnonzero((compiled.body_weldid[compiled.geom_bodyid] != 0) & _SHOWN[compiled.geom_group])
     if not len(moving):
         return 1.0
     size = compiled.geom_rbound[moving, None]
@@ -170,7 +170,7 @@ def _shapes(compiled: mujoco.MjModel) -> tuple[Shape, ...]:
     shapes = []
     for g in range(compiled.ngeom):
         rgba = compiled.geom_rgba[g] if compiled.geom_matid[g] < 0 else compiled.mat_rgba[compiled.geom_matid[g]]
-        if compiled.geom_group[g] >= _SHOWN or rgba[3] == 0.0 or int(compiled.geom_type[g]) in _FLAT:
+        if not _SHOWN[compiled.geom_group[g]] or rgba[3] == 0.0 or int(compiled.geom_type[g]) in _FLAT:
             continue
         points, radius = _hull(compiled, g)
         turn = np.empty(9)

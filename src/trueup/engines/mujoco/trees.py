@@ -21,8 +21,6 @@ from trueup.engines.mujoco.wiring import JOINT_CHANNELS
 from trueup.engines.simulator import Rollout
 from trueup.trial import Trial
 
-_SHARED = -1
-
 
 @dataclass(frozen=True, eq=False)
 class Trees:
@@ -32,7 +30,7 @@ class Trees:
     joints: Mapping[str, int]
     """Joint to its tree."""
     owners: Integers
-    """(n,) the tree of each parameter, -1 of those that act on several, or on all."""
+    """(n,) the tree of each parameter, `count` of those that act on several, or on all."""
 
     @classmethod
     def of(cls, compiled: mujoco.MjModel, quantities: Sequence[Assignment], parameters: int) -> Trees | None:
@@ -41,11 +39,12 @@ class Trees:
             return None
         names = [compiled.joint(j).name for j in range(compiled.njnt)]
         trees = compiled.body_treeid[compiled.jnt_bodyid]
-        owners = np.full(parameters, _SHARED)
+        count = int(compiled.ntree)
+        owners = np.full(parameters, count)
         for i, assignment in enumerate(quantities):
             found = {_tree(compiled, assignment.quantity.family, target) for target in assignment.targets}
-            owners[i] = found.pop() if len(found) == 1 else _SHARED
-        return cls(int(compiled.ntree), dict(zip(names, trees.tolist(), strict=True)), owners)
+            owners[i] = found.pop() if len(found) == 1 and found <= set(range(count)) else count
+        return cls(count, dict(zip(names, trees.tolist(), strict=True)), owners)
 
     def alone(self, trial: Trial) -> bool:
         """Whether all that a trial observes is of single joints, and nothing else acts in it than its command."""
@@ -56,7 +55,7 @@ class Trees:
     def packed(self, values: Array) -> tuple[Array, Integers]:
         """(p, n) rows to be simulated, and (count, b) in which of them each tree moves as in each row of values (b, n)."""
         where, rows = np.empty((self.count, len(values)), dtype=np.int64), list[Array]()
-        groups = _alike(values[:, self.owners == _SHARED])[1]
+        groups = _alike(values[:, self.owners == self.count])[1]
         for g in range(int(groups.max()) + 1):
             own = np.flatnonzero(groups == g)
             firsts = []
@@ -95,11 +94,11 @@ def _tree(compiled: mujoco.MjModel, family: str, target: str) -> int:
     """The tree of a named element; -1 of what is in none, or in no family of elements."""
     number = int(mujoco.mj_name2id(compiled, OBJECTS[family], target)) if family in OBJECTS else -1
     if number < 0:
-        return _SHARED
+        return -1
     if family == "actuator":
         kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
         if int(compiled.actuator_trntype[number]) not in kinds:
-            return _SHARED
+            return -1
         family, number = "joint", int(compiled.actuator_trnid[number, 0])
     bodies = {"joint": compiled.jnt_bodyid, "geom": compiled.geom_bodyid}
     body = int(bodies[family][number]) if family in bodies else number

@@ -181,7 +181,7 @@ class Vehicle:
         )  # fmt: skip
 
 
-BETAS = tuple(q.name for q in SPEED_DRIVEN[:5])
+BETAS = ("speed_delay", "steering_delay", "acceleration_limit", "yaw_rate_limit", "yaw_acceleration_limit")
 """The five parameters of the paper's Table II, in its order."""
 
 

@@ -15,15 +15,13 @@ import scipy.linalg
 from scipy.special import chdtri, fdtr
 
 from trueup.arrays import Array, Integers
+from trueup.evidence import chance
 from trueup.identification.effects import WAVES
 from trueup.identification.estimation.consistent import prior_information
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.pool import Pool
 from trueup.rounding import NEGLIGIBLE, PRINTED, ROUNDED
-
-_CHANCE = 0.05
-"""Of a spring that is none: one in twenty for all joints together (Bonferroni)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ def balanced(pool: Pool, estimate: Estimate, moments: Moments, nominal: Array) -
         if (fit := file.beside(shares[file.columns])) is not None:
             found.append((fit.certainty, Balance(joint, fit.spring, fit.off, shares @ fit.spring)))
     certainty, best = max(found, key=lambda each: each[0], default=(0.0, None))
-    return best if certainty > 1.0 - _CHANCE / max(len(found), 1) else None
+    return best if certainty > 1.0 - chance() / max(len(found), 1) else None  # of all joints together (Bonferroni)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +114,7 @@ class _File:
         rest = len(self.difference) - rank
         if rest < 1 or rank < np.linalg.matrix_rank(Z[:, 2:], tol=PRINTED) + 2:
             return None
-        low, high, least = ROUNDED, 1.0 / ROUNDED, float(chdtri(rest, 1.0 - 0.5 * _CHANCE))
+        low, high, least = ROUNDED, 1.0 / ROUNDED, float(chdtri(rest, 1.0 - 0.5 * chance()))
         while high > (1.0 + 0.1) * low:
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if self._solved(Z, middle)[2] > least else (low, middle)

@@ -20,7 +20,7 @@ from trueup.identification.rows import Rows
 from trueup.rounding import TINY
 from trueup.samples import stretches_of
 
-_NONE = np.zeros(0, dtype=np.int64)
+_NONE = np.array([], dtype=np.int64)
 _ADVICE = "Identify recordings with one load together, and others by themselves"
 
 

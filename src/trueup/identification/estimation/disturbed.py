@@ -30,9 +30,6 @@ from trueup.noise import UNUSUAL, spread
 from trueup.rounding import PRINTED, TINY
 from trueup.samples import MOST
 
-_TURNS = 30
-"""Times that samples are chosen by the fit and the fit made anew: they settle in 4 to 16."""
-
 _Stretch = tuple[int, int, int]
 """The recording, first and last of its samples."""
 
@@ -100,15 +97,15 @@ class _Looked:
     def agreeing(self) -> list[Mask]:
         """The half of the samples that agree best with a fit to themselves, of those in which a joint moves."""
         inside = moves = [np.asarray(w.any(axis=1)) for w in self.moving]
-        for _ in range(_TURNS):
+        seen = set[bytes]()
+        while (chosen := np.concatenate(inside).tobytes()) not in seen:  # samples chosen by a fit to them: they settle
+            seen.add(chosen)
             off = [
                 np.sqrt(np.sum(t**2, axis=1) / np.maximum(w.sum(axis=1), 1))
                 for t, w in zip(self.times(inside), self.moving, strict=True)
             ]
             most = float(np.quantile(np.concatenate([o[m] for o, m in zip(off, moves, strict=True)]), MOST))
-            before, inside = inside, [m & (o <= most) for o, m in zip(off, moves, strict=True)]
-            if all(map(np.array_equal, before, inside)):
-                break
+            inside = [m & (o <= most) for o, m in zip(off, moves, strict=True)]
         return inside
 
     def outside(self, stretches: Sequence[_Stretch]) -> list[Mask]:
@@ -155,11 +152,10 @@ class _Looked:
     def found(self) -> tuple[list[_Stretch], float]:
         """Stretches that stand out from a fit to all else, and from every fit that takes one of them in."""
         stretches, rest = self.standing_out(self.agreeing())
-        for _ in range(_TURNS):
-            before = stretches
-            stretches, rest = self.standing_out(self.outside(before))
-            if stretches == before:
-                break
+        seen = list[list[_Stretch]]()
+        while stretches not in seen:
+            seen.append(stretches)
+            stretches, rest = self.standing_out(self.outside(stretches))
         return [s for s in stretches if not self._explained(s, stretches, rest)], rest
 
     def _explained(self, stretch: _Stretch, stretches: Sequence[_Stretch], rest: float) -> bool:

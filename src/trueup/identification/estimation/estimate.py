@@ -12,14 +12,13 @@ from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
 from trueup.identification.rows import Rows
-from trueup.noise import spread
+from trueup.noise import UNUSUAL, spread
 from trueup.rounding import NEGLIGIBLE, TINY
 
 _HUBER = 1.345
 """Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""
-_OUTLIER = 10.0
-"""Standard deviations that no error of a sound log reaches often."""
 _OUTLIERS = 0.01
+"""Share of a sound log's errors that may be unusual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +161,7 @@ def _huber(errors: Array) -> Array:
 
 def _has_outliers(rows: Sequence[Rows], parameters: Array) -> bool:
     errors = np.concatenate([r.torque - r.predict(parameters) for r in rows])
-    return bool(np.mean(np.abs(errors) > _OUTLIER * _spread(errors)) > _OUTLIERS)
+    return bool(np.mean(np.abs(errors) > UNUSUAL * _spread(errors)) > _OUTLIERS)
 
 
 def _sandwich(

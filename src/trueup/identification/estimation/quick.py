@@ -33,15 +33,12 @@ from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.instant import STILL
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.samples import rms
 from trueup.units import GRAVITY
 
-_CUTS = (1, FEWEST_PARTS, TIME_BLOCKS)
-"""Parts of a log in which a mistake is looked for: all, as few as evidence allows, as many as structures are asked in."""
-_TILTS = (0.4, 0.1, 0.03)
-"""rad: steps in which the direction of gravity is sought."""
 FURTHEST = 0.2
 """rad: how far slopes hold. A turn that is known no better is not known; one that is larger is another mounting."""
 _SMALL, _SURELY = 0.02, 0.5
@@ -77,7 +74,7 @@ def doubts(
     suspects = {k: own for k, (_, own) in enumerate(alone) if own} or ({first: driven} if driven else {})
     slow = slow_cutoff(logs[0].rate)
     motions = {k: logs[k].motion(slow, measured_speed=False) for k in (first, *suspects)}
-    fits = {k: foretelling_fit(motion, tree, drives, slow, parts=_CUTS) for k, motion in motions.items()}
+    fits = {k: foretelling_fit(motion, tree, drives, slow) for k, motion in motions.items()}
     found = {k: s for k, own in suspects.items() if (s := signs(motions[k], tree, own, fits[k])).likely}
     if not _as_good_turned(pool, parts, {k: suspects[k] for k, s in found.items() if s.certain}, relative):
         found = {k: s for k, s in found.items() if not s.sure}
@@ -137,15 +134,17 @@ def quick_fit(
     motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0
 ) -> Callable[[Motion], float]:
     """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
-    fit = foretelling_fit(motion, tree, drives, cutoff, hold_out)
+    fit = foretelling_fit(motion, tree, drives, cutoff, hold_out, parts=(1,))
     return lambda changed: float(np.sqrt(fit(changed)[0].sum()))
 
 
 def foretelling_fit(
     motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0,
-    parts: Sequence[int] = (1,),
+    parts: Sequence[int] = (1, FEWEST_PARTS, TIME_BLOCKS),
 ) -> Fit:  # fmt: skip
-    """As `quick_fit`, to the squared relative errors of so many `parts`, each foretold by the others; of one, as fitted."""
+    """As `quick_fit`, to the squared relative errors of so many `parts`, each foretold by the others; of one, as fitted. A
+    mistake is looked for in all, in as few as evidence allows, and in as many as structures are asked in.
+    """
     pool = pool_for(tree, drives.coupling, [motion], springs=drives.springs)
     model, active = pool.basic()
 
@@ -191,10 +190,7 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float)
         return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff)(motion)
 
     def suspected(gravity: Array, said: str) -> Suspicion:
-        fits = (
-            foretelling_fit(motion, tree.replace(gravity=g), drives, cutoff, parts=_CUTS)
-            for g in (tree.gravity, gravity)
-        )
+        fits = (foretelling_fit(motion, tree.replace(gravity=g), drives, cutoff) for g in (tree.gravity, gravity))
         before, after = (fit(motion) for fit in fits)
         return Suspicion(said, before, after)
 
@@ -202,12 +198,14 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float)
     directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
     tried = [(error(g), g) for g in directions if g @ tree.gravity < 0.9 * size**2]
     best, gravity = min([(relative, np.asarray(tree.gravity)), *tried], key=lambda entry: entry[0])
-    for step in _TILTS:
+    step = 2.0 * FURTHEST
+    while step > STILL:
         before = np.inf
         while best < before:
             before, across = best, np.linalg.svd(gravity[None])[2][1:]  # two directions at right angles to it
             turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
             best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
+        step *= HALVED**2
     best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
     if error(np.zeros(3)) < min(best, HALVED * relative):
         said = "the torque seems to hold no gravity, as where a controller takes it out: identify with --gravity 0 0 0"

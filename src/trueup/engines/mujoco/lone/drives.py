@@ -16,9 +16,10 @@ from trueup.articulated.signals import Signals
 from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.run import Parametrised
+from trueup.rounding import TINY
 
-_LIVE = {"dead_band": 0.5, "punch": 1.0, "friction_static": 1.0, "stribeck_speed": 1.0, "friction_load": 1.0}
-"""Kinds that act in every step, to the factor on their value: a dead band is given end to end."""
+_LIVE = ("dead_band", "punch", "friction_static", "stribeck_speed", "friction_load")
+"""Kinds that act in every step."""
 
 
 def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
@@ -153,8 +154,9 @@ class Driven:
         if i < 0:
             return {"dead_band": np.zeros(len(self._loads)), "kick": np.zeros(len(self._loads)), **shaped}
         band, punch = (self._living(kind, self._name("actuator", i), 0.0) for kind in ("dead_band", "punch"))
-        stiffness = np.maximum(self._fields.expand("actuator_gainprm")[:, i, 0], 1e-300)
-        return {"dead_band": band, "kick": np.where(punch > 0.0, punch / stiffness, 0.0), **shaped}
+        stiffness = np.maximum(self._fields.expand("actuator_gainprm")[:, i, 0], TINY)
+        # A dead band is given end to end.
+        return {"dead_band": 0.5 * band, "kick": np.where(punch > 0.0, punch / stiffness, 0.0), **shaped}
 
     def _living(self, kind: str, target: int | str, otherwise: float) -> Array:
         """(b,) value of a kind that acts in every step, at one target."""
@@ -162,7 +164,7 @@ class Driven:
         found = np.full(len(self._loads), otherwise)
         for other, targets, value in self._live:
             if other == kind and name in targets:
-                found = _LIVE[kind] * value
+                found = value
         return found
 
     def _name(self, what: str, number: int) -> str:

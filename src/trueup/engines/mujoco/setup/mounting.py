@@ -18,7 +18,6 @@ from trueup.inspection.sensors import sensed
 from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording
 
-_TURNED = 0.5  # rad: units are mounted by quarters of a turn, and what noise makes of one is less
 _OTHERWISE = (
     ("x, y, z, w", np.array([3, 0, 1, 2]), np.ones(4)),
     ("the inverse (from the world's frame to the base's)", np.arange(4), np.array([1.0, -1.0, -1.0, -1.0])),
@@ -49,38 +48,48 @@ def _doubt(gyro: Channel, sensor: str, pose: Channel, site: Array) -> str:
     found = together(gyro, pose)
     if found is None or found.fits < CORRELATED or found.shares[1] < HARDLY:
         return ""
-    unit, (angle, turn) = nearest(found.factor, RATES), _beside(found, site)
+    unit, (apart, turn) = nearest(found.factor, RATES), _beside(found, site)
     if unit not in ("", "rad/s"):
         many = f"{found.factor:.3g} times"
         return f"'{gyro.name}' turns {many} as far as '{ORIENTATION}' says: is it in {unit}? Say so in the mapping"
     mirrored = found.is_mirrored and found.shares[2] >= HARDLY
-    if angle < _TURNED and not mirrored:
+    if _alike(apart) and not mirrored:
         return ""
     ways = [
         f"'{ORIENTATION}' is {meant}, and not w, x, y, z of the base in the world"
         for meant, order, signs in _OTHERWISE
         if (other := together(gyro, pose.replace(values=signs * pose.values[:, order]))) is not None
         and other.fits > CORRELATED and not (other.is_mirrored and other.shares[2] >= HARDLY)
-        and _beside(other, site)[0] < _TURNED
+        and _alike(_beside(other, site)[0])
     ]  # fmt: skip
     if not mirrored:
         ways.append(
-            f"it is mounted {np.degrees(angle):.0f} degrees from where the model has sensor '{sensor}' (its site would have "
-            f'quat="{" ".join(f"{x:.2f}" for x in turn)}")'
+            f"it is mounted {np.degrees(_angle(apart)):.0f} degrees from where the model has sensor '{sensor}' (its site "
+            f'would have quat="{" ".join(f"{x:.2f}" for x in turn)}")'
         )
     either = " or ".join(ways) or "one of them has axes of another sense"
     return f"'{gyro.name}' turns otherwise than '{ORIENTATION}' says, as if {either}: mend the mapping, or the model"
 
 
-def _beside(found: Together, site: Array) -> tuple[float, Array]:
-    """The angle in rad between how a gyro is mounted and its site (3, 3), and the quaternion (4,) of such a site."""
+def _beside(found: Together, site: Array) -> tuple[Array, Array]:
+    """The turn (3, 3) between how a gyro is mounted and its site (3, 3), and the quaternion (4,) of such a site."""
     axes = found.axes
     if found.is_mirrored:  # by the weakest direction, which noise decides
         left, strengths, right = np.linalg.svd(axes)
         axes = left @ np.diag([*strengths[:2], -1.0]) @ right
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes.T).ravel())
-    return float(np.arccos(np.clip(0.5 * (np.trace(axes @ site) - 1.0), -1.0, 1.0))), quaternion
+    return axes @ site, quaternion
+
+
+def _alike(turn: Array) -> bool:
+    """Whether each axis is nearest to itself after a turn (3, 3): units are mounted by quarters of one."""
+    return bool(np.all(np.argmax(turn, axis=1) == np.arange(len(turn))))
+
+
+def _angle(turn: Array) -> float:
+    """How far, in rad, a matrix (3, 3) turns."""
+    return float(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0)))
 
 
 def on_base(m: mujoco.MjModel, sensor: str) -> Array | None:

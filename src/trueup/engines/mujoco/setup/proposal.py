@@ -19,6 +19,7 @@ from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.steps import accelerations, profiles
+from trueup.instant import STILL
 from trueup.recording import Recording
 from trueup.samples import MOST
 from trueup.trial import command_of
@@ -31,10 +32,8 @@ FED_FORWARD = "speed fed forward"
 """Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
-_LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
-_MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
 def propose(
@@ -73,7 +72,7 @@ def propose(
     ]
     lines += [*_leads(servos), *_punches(model, servos)]
     if servos and beyond_mjcf:
-        lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
+        lines.append(Declaration("friction_load", servos, optional=LOAD))
     lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints)]
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
@@ -281,6 +280,6 @@ def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, .
             channel = recording.channel("position")
             for label, column in zip(channel.labels, channel.values.T, strict=True):
                 finite = column[np.isfinite(column)]
-                if len(finite) and float(np.ptp(finite)) > _MOVES:
+                if len(finite) and float(np.ptp(finite)) > STILL:
                     moved.add(label)
     return tuple(j for j in model.scalar_joints() if j in moved)

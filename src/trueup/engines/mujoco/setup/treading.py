@@ -16,10 +16,10 @@ from trueup.engines.mujoco.base import place
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.stance import told
 from trueup.evidence import STANDARD_ERRORS
+from trueup.instant import LOOKS
 from trueup.recording import Recording
 from trueup.trial import Trial, command_of
 
-_LOOKS = 16  # stretches of each recording, spread over it
 _LASTING = 0.2  # s of each: by then a drive that is let go of its load has moved, and no robot has fallen
 
 
@@ -33,14 +33,15 @@ def trod(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording]) 
     """
     looks = list[tuple[float, float]]()
     for recording in recordings:
-        begins = np.linspace(recording.start, recording.stop - _LASTING, _LOOKS + 2)[1:-1]
+        looks_at = min(LOOKS, int((recording.stop - recording.start) / _LASTING))  # none sees what another does
+        begins = np.linspace(recording.start, recording.stop - _LASTING, looks_at + 2)[1:-1]
         for begin in begins[begins > recording.start].tolist():
             standing, hung, seen = _ahead(free, hanging, recording, begin)
             if np.isfinite(standing).all() and np.isfinite(hung).all() and np.isfinite(seen).all():
                 apart = standing - hung
                 looks.append((float(np.sum((seen - hung) * apart)), float(np.sum(apart**2))))
     along, apart = np.array(looks).reshape(-1, 2).T
-    if not apart.sum() > 0.0:
+    if len(looks) < 2 or not apart.sum() > 0.0:  # of one nobody knows the scatter
         return ""
     share = float(along.sum() / apart.sum())
     error = float(np.sqrt(np.sum((along - share * apart) ** 2)) / apart.sum())
