@@ -99,7 +99,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     asked = [*undecided, *range(len(free), len(parameters))]
     part, units = _excerpt(problem), fit.space.unit_slope(fit.values)
     wider = part if other is None else part.by(other)
-    slopes, residual = _slopes(wider, fit, beside, more)
+    slopes, residual = _slopes(wider if fit.coarse_step is None else wider.at_step(fit.coarse_step), fit, beside, more)
     slopes[:, : len(free)] *= units[:, None]
     seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():
@@ -143,24 +143,27 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
         return []
     slope = (own - finer) / (0.5 * step)
     _, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
-    moved = _settled(twin, fit, slopes, own, finer) - fit.values[fit.space.free]
+    moved = _settled(problem, twin, fit, own, finer) - fit.values[fit.space.free]
     whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved, 0.0)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step), 0.0, step, left, pull)]
 
 
-def _settled(twin: Problem, fit: Fit, slopes: _Slopes, own: Array, finer: Array) -> Array:
+def _settled(problem: Problem, twin: Problem, fit: Fit, own: Array, finer: Array) -> Array:
     """(n_free,) values at which the `twin` of a problem pulls as little as the problem does at the fit, where it leaves its
     `own` residuals and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by the
-    slopes of the problem, for as long as there is more than chance to correct, and ever less, in no more replays than slopes
-    have taken. It goes by values: to what is next to nothing a logarithm leads no way.
+    slopes of the problem's own step, for as long as there is more than chance to correct, and ever less, in no more replays
+    than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
     """
     lower, upper = np.array([(p.lower, p.upper) for p in fit.space.parameters if not p.frozen]).T
-    boxed = slopes.boxed[0, : len(slopes.units)] * ((upper - lower) / slopes.units)[:, None]
-    curvature = (boxed * slopes.weights) @ boxed.T + PRIOR * np.eye(len(boxed))
-    root, chance = np.linalg.cholesky(curvature), float(np.mean(slopes.weights * own**2))
+    weights = robust_weights(own, fit.bend)
+    boxed = _slopes(problem, fit, (), ())[0][0] * (upper - lower)[:, None]
+    if not np.isfinite(boxed).all():
+        return fit.values[fit.space.free]
+    curvature = (boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed))
+    root, chance = np.linalg.cholesky(curvature), float(np.mean(weights * own**2))
     values, found, before = fit.values.copy(), fit.values[fit.space.free], np.inf
     for _ in range(2 * len(boxed)):
-        at, pull = (values[fit.space.free] - lower) / (upper - lower), boxed @ (slopes.weights * (finer - own))
+        at, pull = (values[fit.space.free] - lower) / (upper - lower), boxed @ (weights * (finer - own))
         within = np.maximum(-at, -FORETOLD), np.minimum(1.0 - at, FORETOLD)
         step = lsq_linear(root.T, -np.linalg.solve(root, pull), within, method="bvls").x
         left = gain(curvature, pull, step)
