@@ -187,6 +187,14 @@ def test_a_scheduler_that_dies_ends_it_in_a_sentence() -> None:
             doomed.evaluate(Work(slow, ()), ROWS)
 
 
+def test_a_client_that_closes_between_its_status_and_a_question_is_a_scheduler_that_is_gone(cluster: Cluster) -> None:
+    def ask(_: object) -> None:
+        raise RuntimeError("ConnectionPool is closed")
+
+    with pytest.raises(EvaluationError, match=r"scheduler of the cluster 'local:2' does not answer"):
+        cluster._roster.asked(ask)
+
+
 @contextlib.contextmanager
 def coming_within(seconds: int) -> Iterator[None]:
     """A queue may keep its jobs waiting for ever, and so does who waits for them: not here."""

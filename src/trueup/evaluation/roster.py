@@ -100,7 +100,7 @@ class Roster:
         try:
             if self.connection.client.status == "running":
                 return ask(self.connection.client)
-        except (OSError, TimeoutError) as error:
+        except (OSError, TimeoutError, RuntimeError) as error:  # the last where it was closed since its status was read
             raise EvaluationError(self._gone) from error
         raise EvaluationError(self._gone)
 
