@@ -9,9 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.proposal import propose
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.loop.prepare import simulator_for
 from trueup.recording import Channel, Recording
@@ -85,15 +83,3 @@ def test_a_rail_that_nobody_saw_is_named_as_what_the_drives_hang_on(tmp_path: Pa
 def test_what_is_tied_or_sprung_keeps_its_joint(tmp_path: Path, text: str) -> None:
     simulator, _ = _simulator(tmp_path, text)
     assert simulator.compiled.nv == 2
-
-
-def test_a_joint_that_only_sways_as_others_move_is_not_calibrated(tmp_path: Path) -> None:
-    """Of an SO-101 that moved its elbow the others gave way by 8 and 15 mrad: their gains were bent to that."""
-    (tmp_path / "robot.xml").write_text(_text())
-    log = _log()
-    for sways, calibrated in ((0.015, {"arm"}), (0.03, {"arm", "finger"})):
-        position = log.channel("position")
-        values = np.column_stack([position.values, np.linspace(0.0, sways, len(position.time))])
-        seen = log.with_channel(position.replace(labels=("arm", "finger"), values=values))
-        lines = [line for line in propose(load(tmp_path / "robot.xml"), [seen]) if line.quantity == "friction"]
-        assert {joint for line in lines for joint in line.of} == calibrated

@@ -19,7 +19,6 @@ from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
 from trueup.inspection.steps import accelerations, profiles
-from trueup.instant import STILL
 from trueup.recording import Recording
 from trueup.samples import MOST
 from trueup.trial import command_of
@@ -34,6 +33,7 @@ PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
+_MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing; torques that push one within 20 mrad tell its drive
 
 
 def propose(
@@ -280,6 +280,6 @@ def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, .
             channel = recording.channel("position")
             for label, column in zip(channel.labels, channel.values.T, strict=True):
                 finite = column[np.isfinite(column)]
-                if len(finite) and float(np.ptp(finite)) > STILL:
+                if len(finite) and float(np.ptp(finite)) > _MOVES:
                     moved.add(label)
     return tuple(j for j in model.scalar_joints() if j in moved)
