@@ -137,28 +137,26 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 1993, II.3).
     """
     step = problem.simulator.step
-    own, twin = problem.residuals(fit.values[None])[0], problem.at_step(0.5 * step)
+    twin, ((direct, _), own) = problem.at_step(0.5 * step), _slopes(problem, fit, (), ())
     finer = twin.residuals(fit.values[None])[0]
-    if not np.isfinite(finer).all():
+    if not np.isfinite(finer).all() or not np.isfinite(direct).all():
         return []
     slope = (own - finer) / (0.5 * step)
     _, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
-    moved = _settled(problem, twin, fit, own, finer) - fit.values[fit.space.free]
+    moved = _settled(twin, fit, direct, own, finer) - fit.values[fit.space.free]
     whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved, 0.0)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step), 0.0, step, left, pull)]
 
 
-def _settled(problem: Problem, twin: Problem, fit: Fit, own: Array, finer: Array) -> Array:
+def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -> Array:
     """(n_free,) values at which the `twin` of a problem pulls as little as the problem does at the fit, where it leaves its
-    `own` residuals and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by the
-    slopes of the problem's own step, for as long as there is more than chance to correct, and ever less, in no more replays
-    than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
+    `own` residuals (m,) and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by
+    the `direct` slopes (n_free, m) of the problem's own step, for as long as there is more than chance to correct, and ever
+    less, in no more replays than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
     """
     lower, upper = np.array([(p.lower, p.upper) for p in fit.space.parameters if not p.frozen]).T
     weights = robust_weights(own, fit.bend)
-    boxed = _slopes(problem, fit, (), ())[0][0] * (upper - lower)[:, None]
-    if not np.isfinite(boxed).all():
-        return fit.values[fit.space.free]
+    boxed = direct * (upper - lower)[:, None]
     curvature = (boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed))
     root, chance = np.linalg.cholesky(curvature), float(np.mean(weights * own**2))
     values, found, before = fit.values.copy(), fit.values[fit.space.free], np.inf
@@ -257,14 +255,14 @@ def _slopes(problem: Problem, fit: Fit, beside: Sequence[int], more: Sequence[Pa
     steps = np.array(
         [_STEP * (max(base[i], _STEP * p.upper) if p.scale == "log" else p.upper - p.lower) for i, p in moved]
     )
-    # Beyond a bound a simulation may fail: what is at one is moved to the other side alone.
+    # Beyond a bound a simulation may fail: what has no room for a step is moved to the other side alone.
     room = np.array([[p.upper - base[i], base[i] - p.lower] for i, p in moved]).T
-    up, down = np.minimum(steps, room)
+    up, down = np.where(room >= steps, steps, 0.0)
     rows = np.repeat(base[None], 2 * len(moved) + 1, axis=0)
     rows[np.arange(len(moved)), places] += up
     rows[len(moved) + np.arange(len(moved)), places] -= down
     residuals = problem.residuals(rows)
-    higher = (residuals[: len(moved)] - residuals[-1]) / np.maximum(up, TINY)[:, None]
-    lower = (residuals[-1] - residuals[len(moved) : -1]) / np.maximum(down, TINY)[:, None]
+    higher = (residuals[: len(moved)] - residuals[-1]) / steps[:, None]
+    lower = (residuals[-1] - residuals[len(moved) : -1]) / steps[:, None]
     higher, lower = np.where((up > 0.0)[:, None], higher, lower), np.where((down > 0.0)[:, None], lower, higher)
     return np.stack([0.5 * (higher + lower), 0.5 * (higher - lower)]), residuals[-1]

@@ -53,9 +53,8 @@ def packed(values: Array) -> dict[str, Any]:
     finite = values[np.isfinite(values)]
     if finite.size:
         low, high = float(finite.min()), float(finite.max())
-        step = (
-            (high - low) / 2 / np.iinfo(np.int16).max
-        )  # to both sides of the middle; what is below them all is missing
+        # Codes go to both sides of the middle; the one below them all is of what is missing.
+        step = (high - low) / 2 / np.iinfo(np.int16).max
         lower, upper = np.percentile(finite, [5, 95])
         if math.isfinite(step) and step <= FINE * (upper - lower):
             return _sixteen_bits(values, (low + high) / 2, step)
