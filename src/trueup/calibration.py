@@ -12,9 +12,6 @@ from trueup.arrays import Array
 from trueup.evidence import Evidence
 from trueup.recording import Recording
 
-NORMAL_95 = 1.959964
-"""Half the width of a normal distribution's 95 % interval, in standard deviations."""
-
 
 @dataclass(frozen=True)
 class Estimate:

@@ -18,14 +18,10 @@ STANDARD_ERRORS = 2.0
 J. Friedman, R. Olshen, C. Stone, Classification and Regression Trees, 1984, section 3.4.3, prefer the simpler of two
 models within one; two, because several structures are asked about in turn. Every choice of structure uses this number; a
 servo's may also hold by one, where no recording speaks against it (`actuators/choose.py`)."""
-EXPLAINED = 2.0
-"""Noise units of errors' root mean square: below, a model has the structure of the robot."""
 HALVED = 0.5
 """Of an error: what may be left of it where something is said to be wrong, or another, and that is mended in a trial. Chance,
-noise and models of a slightly other form do not halve what they did not cause."""
-
-_LARGE = 2.0
-"""Times: larger changes read better as factors than in percent."""
+noise and models of a slightly other form do not halve what they did not cause. A model explains a robot of whose errors more
+than that is noise, and changes that halve or double read better as factors than in percent."""
 EXCERPT = 20.0
 """s of motion that a rough fit looks at: what is wrong in it, parallel or lacking, is so in every motion."""
 
@@ -54,7 +50,7 @@ class Evidence:
         if not np.isfinite(self.gain):
             return "without bound"
         size = float(np.exp(abs(self.gain)))
-        if size >= _LARGE:
+        if size >= 1.0 / HALVED:
             change = f"by a factor of {size:.2g}"
         else:
             change = f"by {100.0 * (1.0 - 1.0 / size if self.gain > 0.0 else size - 1.0):.2g} %"
@@ -64,7 +60,9 @@ class Evidence:
         if not np.isfinite(self.standard_error):
             return "nothing tells how sure that is"
         size = float(np.exp(self.standard_error))
-        return f"standard error {f'a factor of {size:.2g}' if size >= _LARGE else f'{100.0 * (size - 1.0):.2g} %'}"
+        return (
+            f"standard error {f'a factor of {size:.2g}' if size >= 1.0 / HALVED else f'{100.0 * (size - 1.0):.2g} %'}"
+        )
 
 
 def evidence(without: Array, with_it: Array, weights: Array | None = None) -> Evidence:
@@ -109,15 +107,17 @@ def jackknife(each: Array) -> Array:
     return np.sqrt((len(each) - 1) / len(each) * np.sum((each - np.mean(each, axis=0)) ** 2, axis=0))
 
 
-def half_interval(blocks: int) -> float:
-    """How many standard deviations a 95 % interval reaches to either side, where these are known from so many blocks."""
+def half_interval(blocks: float = math.inf, share: float = 0.95) -> float:
+    """How many standard deviations an interval reaches to either side that holds this share of what is drawn, where these
+    are known from so many blocks: Student's distribution, the normal one where they are known.
+    """
     from scipy.special import stdtrit
 
-    return float(stdtrit(blocks - 1, 0.975))
+    return float(stdtrit(blocks - 1, 0.5 + 0.5 * share))
 
 
 def explained(residual: Array | None) -> bool:
     """Whether a model replays the recordings to about their noise, by residuals (m,) in units of it: elsewhere the last
     percent is not worth minutes.
     """
-    return residual is not None and float(np.mean(residual**2)) < EXPLAINED**2
+    return residual is not None and HALVED**2 * float(np.mean(residual**2)) < 1.0

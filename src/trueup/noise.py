@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array
+from trueup.evidence import half_interval
 from trueup.rounding import TINY
 
 FEWEST = 8
@@ -20,8 +21,6 @@ UNUSUAL = 6.0
 nothing acted, joints stay within three times what they are usually beside their commands, and the largest error of a model is
 up to 2.8 times what comes next (AlienGo 2.8, SO-101 2.6, XL330 1.4, UR10 1.3; of torques UR10 1.3, Panda, TX40 1.1); a table
 in the way, or a push of 30 to 60 N, are 10 to 200 times."""
-OF_MEDIAN = 1.4826
-"""Standard deviation of normal errors, in medians of their sizes."""
 
 
 def estimate_noise(values: ArrayLike, time: ArrayLike, grid: Sequence[float | None] | None = None) -> Array:
@@ -51,7 +50,7 @@ def spread(errors: ArrayLike) -> Array:
 
     F. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974.
     """
-    return OF_MEDIAN * np.median(np.abs(errors), axis=0)
+    return np.median(np.abs(errors), axis=0) / half_interval(share=0.5)
 
 
 def is_noise(column: Array, noise: float, step: float | None) -> bool:

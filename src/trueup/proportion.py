@@ -18,9 +18,8 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Estimate
 from trueup.errors import listed
-from trueup.evidence import STANDARD_ERRORS
+from trueup.evidence import HALVED, STANDARD_ERRORS
 from trueup.parameters import ParameterSpace
-from trueup.verdicts import RULED
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Proportion:
         low = min(e.low, max(e.value * float(times.min()) * (1.0 - down), e.lower_bound))
         high = max(e.high, min(e.value * float(times.max()) * (1.0 + up), e.upper_bound))
         wide = replace(e, low=low, high=high)
-        if e.verdict not in ("identified", "weak") or not high - low > RULED * (e.high - e.low):
+        if e.verdict not in ("identified", "weak") or not e.high - e.low < HALVED * (high - low):
             return wide
         note = (
             f"{e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip()

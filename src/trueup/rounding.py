@@ -17,10 +17,10 @@ ROUNDED = 1e-9
 """Relative: results of longer computations, or in SI units of robots, that differ by less are the same."""
 PRINTED = 1e-6
 """What numbers lose that are written with six digits: relative, in SI units of robots, or of a step between instants."""
-SAME_INSTANT = 1e-9
+SAME_INSTANT = ROUNDED
 """s: clocks are printed with a few decimals, and sums of steps round; instants closer than this are the same."""
-DATE = 1e7
-"""s: clocks further from zero count from a date, and are moved to begin at 0, which keeps their precision."""
+DATE = SAME_INSTANT / float(np.finfo(float).eps)
+"""s, 52 days: clocks further from zero, which count from a date, do not tell instants apart, and are moved to begin at 0."""
 
 
 def whole_steps(duration: float, step: float) -> int:

@@ -10,8 +10,6 @@ from trueup.samples import MOST
 
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
-RULED = 2.0
-"""Times its own width from which on an interval owes more to something that was not measured than to what was."""
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.calibration import NORMAL_95, Calibration, Estimate
+from trueup.calibration import Calibration, Estimate
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.family import Family, Fit
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle.localisation import with_noise
+from trueup.evidence import half_interval
 from trueup.recording import Recording
 from trueup.tracking.channels import CHANNELS
 from trueup.tracking.windows import LENGTH, noise_of, windows
@@ -101,7 +102,7 @@ def doubted(calibration: Calibration) -> Calibration:
 
 def _widened(estimate: Estimate, deviation: float) -> Estimate:
     """With the 95 % interval of a greater standard deviation (in its unit), within its bounds; limits on a log scale."""
-    half = NORMAL_95 * deviation
+    half = half_interval() * deviation
     if estimate.name.endswith("_limit"):
         factor = math.exp(half / estimate.value)
         low, high = estimate.value / factor, estimate.value * factor

@@ -25,10 +25,8 @@ from trueup.campaign.events import (
     TrialStarted,
     Validated,
 )
+from trueup.evidence import HALVED
 from trueup.loop.transfer import best_known
-
-_FAR = 2.0
-"""Ratio of scores, robot over simulator, from which on they hardly do the same run."""
 
 
 @dataclass
@@ -263,13 +261,13 @@ class History:
 def astray(event: Validated) -> str:
     """A sentence where the robot's scores are not near what was expected of any candidate; '' where they are.
 
-    A calibrated simulator may be wrong by some share; beyond `_FAR` it mostly does not do the same run.
+    A calibrated simulator may be wrong by some share; at half of it or double it mostly does not do the same run.
     """
     both = [(p, m) for p, m in zip(event.predicted, event.measured, strict=True) if p * m > 0.0]
     if len(both) < 2:
         return ""
     ratio = statistics.median(m / p for p, m in both)
-    if 1.0 / _FAR <= ratio <= _FAR:
+    if HALVED <= ratio <= 1.0 / HALVED:
         return ""
     words = f"{ratio:.2g} times" if ratio > 1.0 else f"only {100 * ratio:.2g} % of"
     return (
@@ -282,7 +280,7 @@ def unlike(predicted: float, measured: float, counts: str = "") -> str:
     """A sentence where the calibrated simulator is far off the robot's score with settings that have been run already."""
     if counts:
         predicted, measured = -predicted, -measured
-    if not (predicted > 0.0 and measured > 0.0) or 1.0 / _FAR <= measured / predicted <= _FAR:
+    if not (predicted > 0.0 and measured > 0.0) or HALVED <= measured / predicted <= 1.0 / HALVED:
         return ""
     return (
         f"the calibrated simulator scores {predicted:.3g} with settings that the robot has run at {measured:.3g}: what it "

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.evidence import EXPLAINED, FEWEST_PARTS, Evidence, evidence
+from trueup.evidence import FEWEST_PARTS, HALVED, Evidence, evidence
 from trueup.rounding import ROUNDED, TINY
 from trueup.tracking.windows import LENGTH
 
@@ -138,7 +138,7 @@ def _most_with(each: Sequence[Astray], horizon: float, cause: str, side: str, mo
 def _beyond_noise(each: Sequence[Astray]) -> Mask:
     """(3,) which errors are more than noise of what was measured."""
     left, noise = _sizes(each)
-    return np.asarray(left > EXPLAINED * noise)
+    return np.asarray(HALVED * left > noise)
 
 
 def foretold(each: Sequence[Astray], horizon: float, cause: str = TOLD) -> list[Evidence]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Replay
+from trueup.evidence import half_interval
 from trueup.inspection.outstanding import NAME, joined, outstanding
 from trueup.inspection.pauses import parts_between
 from trueup.inspection.released import LONG
@@ -24,7 +25,7 @@ from trueup.inspection.repeats import BASE
 from trueup.inspection.stamps import Gap
 from trueup.instant import CUBIC
 from trueup.loop.problem import Problem
-from trueup.noise import OF_MEDIAN, UNUSUAL
+from trueup.noise import UNUSUAL
 from trueup.recording import Recording
 from trueup.samples import MOST
 from trueup.trial import command_of
@@ -211,7 +212,9 @@ def disturbed(every: Sequence[Seen]) -> LeftOut:
 
 def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
     """Where joints are far off and may have been disturbed, and how far they are anywhere else, in times of what is usual."""
-    usual = _by_label(every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), 1.0 / OF_MEDIAN))
+    usual = _by_label(
+        every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), half_interval(share=0.5))
+    )
     found, rest = list[_Stretch](), UNUSUAL
     for one in every:
         times = np.nan_to_num(one.off) / np.array([usual[label] for label in one.labels])

@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Estimate
+from trueup.evidence import HALVED
 from trueup.loop.fit import Fit
 from trueup.loop.identifiability import verdicts
 from trueup.loop.limits import Seen, is_limit
@@ -21,7 +22,6 @@ from trueup.loop.ties import STEP, Considered
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.samples import MOST
-from trueup.verdicts import RULED
 
 
 def estimated(
@@ -104,7 +104,7 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     down, up = np.array([down, up]) + np.sum(reaches[steps], axis=0)
     width = e.high - e.low
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
-    if e.verdict not in ("identified", "weak") or not wide.high - wide.low > RULED * width:
+    if e.verdict not in ("identified", "weak") or not width < HALVED * (wide.high - wide.low):
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
     if others[k].parameter.name == STEP and reaches[k].max() < SAME * abs(e.value):

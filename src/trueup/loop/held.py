@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from trueup.arrays import Array, Mask
-from trueup.calibration import NORMAL_95
+from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.rivals import Rival
@@ -43,7 +43,7 @@ def held_open(problem: Problem, fit: Fit, untold: Sequence[Parameter], covarianc
     near = fit.near or fit.shot or problem
     if fit.near is None and fit.coarse_step is not None:
         near = near.at_step(fit.coarse_step)  # changes alone are looked at, as of structures
-    along = _Along(near, fit, NORMAL_95**2 * near.chance(fit.residual))
+    along = _Along(near, fit, half_interval() ** 2 * near.chance(fit.residual))
     free = (p for p in fit.space.parameters if not p.frozen)
     spreads = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     loose = [p for p, s in zip(free, spreads, strict=True) if vague(s) and p.absent is None]

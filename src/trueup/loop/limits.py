@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95
+from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.validate import settled_loss
@@ -48,7 +48,7 @@ def limits_seen(problem: Problem, fit: Fit, names: Sequence[str] | None = None) 
     limits = [k for k, p in enumerate(free) if is_limit(p) and (names is None or p.name in names)]
     if not limits:
         return {}
-    here, worth = problem.residuals(fit.values[None])[0], NORMAL_95**2 * problem.chance(fit.residual)
+    here, worth = problem.residuals(fit.values[None])[0], half_interval() ** 2 * problem.chance(fit.residual)
     level = {k: _without(k, fit, here) for k in limits}
     sides = [_Side(k, side, fit.unit[k]) for k in limits for side in (-1, 1)]
     while asked := [s for s in sides if s.asks is not None]:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Estimate
+from trueup.calibration import Estimate
 from trueup.engines.simulator import related_of
+from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.scans import SIZES
@@ -58,7 +59,7 @@ def rivals(problem: Problem, found: Fit) -> tuple[Rival, ...]:
         return ()
     begun = found.shot or problem
     begun = begun if found.coarse_step is None else begun.at_step(found.coarse_step)
-    look = _Look(found, NORMAL_95**2 * begun.chance(found.residual))
+    look = _Look(found, half_interval() ** 2 * begun.chance(found.residual))
     return tuple(rival for several in _candidates(begun, found) for rival in look.along(several))
 
 

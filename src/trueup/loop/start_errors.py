@@ -15,7 +15,7 @@ from trueup.loop.condensing import cut
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import SHORTEST
 from trueup.loop.windows import by_torque
-from trueup.noise import OF_MEDIAN
+from trueup.noise import spread
 from trueup.reckoned import RATE_OF, RECKONED, reckoned_as, reckoned_of
 from trueup.recording import Recording
 from trueup.trial import Observed, Trial
@@ -41,7 +41,7 @@ def with_start_errors(problem: Problem, values: Array) -> Problem:
         heights = every[POSITION][0, :, AXES.index("z")]
         sunk = float(np.median(heights))
         heights -= sunk
-    known = {name: OF_MEDIAN * np.median(np.abs(errors), axis=1) for name, errors in every.items()}
+    known = {name: spread(np.swapaxes(errors, 0, 1)) for name, errors in every.items()}
     trials = [
         replace(
             _lowered(t, sunk), initial_sd={n: sd for n, sd in known.items() if n in reckoned_of(problem.recordings[k])}

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95
-from trueup.evidence import jackknife
+from trueup.evidence import half_interval, jackknife
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.visited import stretched
@@ -52,8 +51,8 @@ def seen_as_good(problem: Problem, fit: Fit) -> Array | None:
     """
     if stretched(problem.simulator) is None:
         return None
-    good = problem.visited.below(fit.loss + NORMAL_95**2 * problem.chance(fit.residual))
+    good = problem.visited.below(fit.loss + half_interval() ** 2 * problem.chance(fit.residual))
     if not len(good):
         return np.zeros(len(fit.unit))
     away = np.clip(fit.space.to_unit(good), 0.0, 1.0) - fit.unit
-    return (np.abs(away).max(axis=0) / NORMAL_95) ** 2
+    return (np.abs(away).max(axis=0) / half_interval()) ** 2

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Estimate, Nuisance
+from trueup.calibration import Estimate, Nuisance
 from trueup.engines.simulator import related_of
-from trueup.evidence import EXCERPT
+from trueup.evidence import EXCERPT, half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import FORETOLD
@@ -111,7 +111,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
             trade, left, pull = seen.owed(slope, [i for i in range(len(free)) if i != k], settled, share)
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
             sure = left @ left + PRIOR / (p.upper - p.lower) ** 2
-            half, there = NORMAL_95 / np.sqrt(sure), p.nominal - pull / sure
+            half, there = half_interval() / np.sqrt(sure), p.nominal - pull / sure
             low, high = max(p.lower, min(p.nominal, there) - half), min(p.upper, max(p.nominal, there) + half)
             if not p.told:
                 low, high = _within_bounds(p, trade, fit)

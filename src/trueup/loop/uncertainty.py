@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.arrays import Array, Mask
-from trueup.calibration import NORMAL_95
+from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.stretches import seen_as_good, without_each_stretch
@@ -84,7 +84,7 @@ def start_scatter(problem: Problem, fit: Fit) -> Array:
 
 def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     """(n_free,) lower and upper ends of the 95 % intervals, in the parameters' units, within their bounds."""
-    half = NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = half_interval() * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     free = fit.space.free
     low = fit.space.from_unit(np.clip(fit.unit - half, 0.0, 1.0))[free]
     high = fit.space.from_unit(np.clip(fit.unit + half, 0.0, 1.0))[free]

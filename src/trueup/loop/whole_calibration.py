@@ -17,11 +17,12 @@ from math import nan
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Calibration, Estimate, TracePoint
+from trueup.calibration import Calibration, Estimate, TracePoint
 from trueup.discrepancies.whole_body import WholeBody
 from trueup.ends import End
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.evidence import half_interval
 from trueup.inspection.repeats import BASE
 from trueup.loop.checks import check
 from trueup.loop.fit import Progress
@@ -118,7 +119,7 @@ def _between(space: ParameterSpace, found: WholeRuns) -> Array:
 def _estimates(space: ParameterSpace, values: Array, covariance: Array) -> tuple[Estimate, ...]:
     """All parameters, in their order."""
     spread, unit = np.sqrt(np.diag(covariance)), np.clip(space.to_unit(values), 0.0, 1.0)
-    low, high = (space.from_unit(np.clip(unit + s * NORMAL_95 * spread, 0.0, 1.0)) for s in (-1.0, 1.0))
+    low, high = (space.from_unit(np.clip(unit + s * half_interval() * spread, 0.0, 1.0)) for s in (-1.0, 1.0))
     free = iter(zip(unit.tolist(), spread.tolist(), strict=True))
     rows = []
     for p, value, lo, hi in zip(space.parameters, values.tolist(), low.tolist(), high.tolist(), strict=True):

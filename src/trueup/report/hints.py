@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Replay
-from trueup.evidence import EXPLAINED
+from trueup.evidence import HALVED
 from trueup.instant import usual_step
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score, label_score
@@ -90,7 +90,7 @@ def _hint(replays: Sequence[Replay], label: str, scale: Scale) -> Hint | None:
 
 
 def _sentence(replays: Sequence[Replay], label: str, score: Score, scale: Scale) -> str:
-    if score.after <= EXPLAINED * score.noise:
+    if HALVED * score.after <= score.noise:
         return "at the measurement noise: these recordings show nothing more to explain"
     error, position, speed = _samples(replays, label)
     mean_square = float(np.mean(error**2)) if error.size else 0.0

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95
+from trueup.evidence import half_interval
 from trueup.identification.estimation.result import Identification, Prediction, rmse
 from trueup.noise import FEWEST
 from trueup.report.drawing import SAMPLES
@@ -115,7 +115,7 @@ def binned(v: Array, error: Array) -> tuple[Array, Array, Array, Array, Array]:
     centre = np.array([float(np.median(v[b])) for b in bins], dtype=np.float64)
     mean = np.array([float(np.mean(error[b])) for b in bins], dtype=np.float64)
     spread = np.array([float(np.std(error[b])) for b in bins], dtype=np.float64)
-    half = np.array([NORMAL_95 * s / np.sqrt(max(len(b) / 10.0, 1.0)) for s, b in zip(spread, bins, strict=True)])
+    half = np.array([half_interval() * s / np.sqrt(max(len(b) / 10.0, 1.0)) for s, b in zip(spread, bins, strict=True)])
     half = np.asarray(half, dtype=np.float64)
     return centre, mean, spread, mean - half, mean + half
 

@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95, Calibration, Estimate
+from trueup.calibration import Calibration, Estimate
 from trueup.engines.family import Fit
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.prediction import HORIZONS, prediction_errors
 from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.evidence import half_interval
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.verdicts import judged
@@ -96,7 +97,9 @@ def _by_either(found: Estimate, other: Estimate, space: ParameterSpace) -> Estim
         return wide
     alone = ParameterSpace((space[wide.name].replace(frozen=False),))
     low, value, high = alone.to_unit([[wide.low], [wide.value], [wide.high]])[:, 0].tolist()
-    verdict = judged(alone.parameters[0], value, (high - low) / (2.0 * NORMAL_95), wide.value, wide.low, wide.high)
+    verdict = judged(
+        alone.parameters[0], value, (high - low) / (2.0 * half_interval()), wide.value, wide.low, wide.high
+    )
     return replace(wide, verdict=verdict.word, note=verdict.note or wide.note)
 
 

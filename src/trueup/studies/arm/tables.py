@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import NORMAL_95
+from trueup.evidence import half_interval
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, redrawn, share_of_best, weights
 from trueup.studies.arm.factors import CLAIMS, Cell, Ratio, bounds, main_effect
 from trueup.studies.arm.robot import NOMINAL
@@ -172,7 +172,7 @@ def correlations(answers: Sequence[Mapping[str, Any]]) -> str:
     """
     text = ""
     for one in answers:
-        doubt = NORMAL_95 * np.sqrt(1.06 / max(one["count"] - 3, 1))
+        doubt = half_interval() * np.sqrt(1.06 / max(one["count"] - 3, 1))
         rows, outcomes = [], list(next(iter(one["correlation"].values())))
         for criterion, each in one["correlation"].items():
             middle = {o: np.arctanh(np.clip(each[o], -0.999, 0.999)) for o in outcomes}
