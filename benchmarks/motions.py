@@ -23,7 +23,7 @@ from trueup.controllers.keyframes import pitch_of
 from trueup.engines.simulator import Simulator
 from trueup.loop.confirm import NOISE, hunt, margin
 from trueup.studies.balance.scenes import transition
-from trueup.tasks.transitions import AFTER, Transition
+from trueup.tasks.transitions import Transition
 
 STEP, BUDGET = 0.004, 1600
 GAINS = {"heel": (1.0, 0.15), "thigh": (1.0, 0.15)}
@@ -46,7 +46,7 @@ def made(scene: str, kind: str) -> tuple[Simulator, Transition]:
 
 def shove(task: Transition, force: float) -> tuple[Disturbance, ...]:
     """A push of the torso from anywhere, of half to a whole `force` in N, for a tenth of a second once it should stand."""
-    begin = task.duration - AFTER
+    begin = task.duration - task.after
     return (Push("torso", (0.5 * force, force), (begin, begin + 0.1), (0.1, 0.1)),)
 
 

@@ -111,6 +111,8 @@ ControllerFactory = Callable[[Array], Controller]
 
 STEP = 0.002
 """s: integration step of a simulation unless told otherwise, as MuJoCo's models have it."""
+SETTLE = 1.0
+"""s of the first command before a trial, for servos and motors to forget where they started."""
 LOOK = 0.02
 """s from one look at the conditions to the next: a fall takes some tenths of a second."""
 

@@ -19,7 +19,7 @@ from trueup.errors import ParameterError, TrialError, UnknownNameError
 from trueup.loop.confirm import holds, hunt
 from trueup.loop.settle import settled
 from trueup.studies.balance.scenes import SCENES, STAND, Scene, model_of, pose_of, transition
-from trueup.tasks.transitions import AFTER, Transition
+from trueup.tasks.transitions import Transition
 
 Array = NDArray[np.float64]
 
@@ -123,8 +123,8 @@ def test_runs_end_once_they_are_over_and_are_judged_as_if_they_had_gone_on(sitti
     assert np.array_equal(task.succeeded([ended]), stood)
     stop = np.array([ended.ends[row].at for row in np.flatnonzero(stood)])
     arrival = task.arrivals(ended)[stood]
-    assert (stop <= arrival + AFTER + 0.03).all()
-    assert np.mean(stop - arrival) < 0.9 * AFTER  # who stands still stands
+    assert (stop <= arrival + task.after + 0.03).all()
+    assert np.mean(stop - arrival) < 0.9 * task.after  # who stands still stands
     pushed = replace(trial, disturbances=(Push("torso", (1.0, 1.0), (2.5, 2.5), (0.1, 0.1)),)).seeded(rng)
     (going,) = simulator.rollout([pushed], candidates[stood][:3], task.controllers)
     assert not [e for e in going.ends.values() if e.name != "fallen"]  # whether it stands a push is seen after it
@@ -138,7 +138,7 @@ def test_a_recording_that_stops_before_it_is_judged_is_no_success(sitting: tuple
     done = replace(
         runs(task, np.zeros((2, count)), np.full((2, count), task.final_height)), settings=np.tile(motion, (2, 1))
     )
-    for row, stop in enumerate((arrival + AFTER, arrival + 0.5)):
+    for row, stop in enumerate((arrival + task.after, arrival + 0.5)):
         for channel in done.channels.values():
             channel[row, int(stop * task.rate) + 1 :] = np.nan
     assert task.succeeded([done]).tolist() == [True, False]

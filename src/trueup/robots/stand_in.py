@@ -18,10 +18,7 @@ from trueup.arrays import Array
 from trueup.errors import ModelError, RecordingError, unknown_name
 from trueup.recording import Channel, Recording
 from trueup.samples import between
-from trueup.trial import Trial
-
-_STEP = 1e-3  # s
-_SETTLE = 1.0  # s of holding the first command before a trial
+from trueup.trial import SETTLE, Trial
 
 
 @dataclass(frozen=True)
@@ -62,15 +59,16 @@ class StandInArm:
     """A simulated Robot. `path` is an MJCF of hinges in series, whose own drive values are ignored.
 
     The truth differs from it in `drives` (one for each actuated joint, in the model's order) and in body masses, which
-    are `heavier` times the model's. Encoder: `grid` in rad, `noise` (standard deviation before rounding) in rad; what it
-    draws depends on `seed` and the trial's name alone. Raises ModelError where drives and actuators do not correspond.
+    are `heavier` times the model's; it moves in steps of `step` s. Encoder: `grid` in rad, `noise` (standard deviation before
+    rounding) in rad; what it draws depends on `seed` and the trial's name alone. Raises ModelError where drives and actuators
+    do not correspond.
     """
 
     def __init__(
         self, path: str | Path, *, seed: int = 0, drives: tuple[Drive, ...] = _DRIVES, heavier: float = 1.1,
-        grid: float = 2 * np.pi / 4096, noise: float = 4e-4,
+        grid: float = 2 * np.pi / 4096, noise: float = 4e-4, step: float = 1e-3,
     ) -> None:  # fmt: skip
-        self._model = _bare(Path(path), heavier)
+        self._model = _bare(Path(path), heavier, step)
         m = self._model
         if m.nu != len(drives) or m.nv != m.nu or m.nq != m.nu:
             raise ModelError(f"'{path}' has {m.nu} actuators and {m.nv} degrees of freedom for {len(drives)} drives")
@@ -109,13 +107,14 @@ class StandInArm:
 
     def _run(self, trial: Trial, sent: Channel) -> tuple[Array, Array, Array]:
         """Times (T,) on the trial's clock and rotor angles and speeds (T, nq) behind the encoder."""
-        count = int(np.ceil((trial.duration + _SETTLE) / _STEP)) + 2
-        time = trial.start - _SETTLE + _STEP * np.arange(count, dtype=np.float64)
+        step = self._model.opt.timestep
+        count = int(np.ceil((trial.duration + SETTLE) / step)) + 2
+        time = trial.start - SETTLE + step * np.arange(count, dtype=np.float64)
         orders = np.zeros((count, len(self.joints)))
         for label in sent.labels:
             j = self.joints.index(label)
             orders[:, j] = sent.select([label]).at(time - self._drives[j].delay, hold=True)[:, 0]
-        motor = _Motors(self._drives, orders[0])
+        motor = _Motors(self._drives, orders[0], step)
         data = mujoco.MjData(self._model)
         data.qpos[:] = orders[0]
         angles, speeds = np.empty_like(orders), np.empty_like(orders)
@@ -150,8 +149,8 @@ class StandInArm:
 class _Motors:
     """Rotors of all drives, stepped together; arrays are (n,)."""
 
-    def __init__(self, drives: tuple[Drive, ...], angle: Array) -> None:
-        self.angle, self.speed = np.array(angle), np.zeros(len(drives))
+    def __init__(self, drives: tuple[Drive, ...], angle: Array, step: float) -> None:
+        self._step, self.angle, self.speed = step, np.array(angle), np.zeros(len(drives))
         names = ("stiffness", "stall", "no_load_speed", "inertia", "coulomb", "breakaway", "stribeck", "viscous")
         self._truth = tuple(np.array([getattr(d, n) for d in drives]) for n in names)
         self._half = 0.5 * np.array([d.backlash for d in drives])
@@ -165,21 +164,21 @@ class _Motors:
         passed = 80.0 * stretch + 0.05 * (self.speed - link_speed) * (stretch != 0.0)
         voltage = np.minimum(np.maximum(stiffness * (order - seen) / stall, -1.0), 1.0)
         torque = stall * (voltage - self.speed / fastest) - viscous * self.speed - passed
-        free = self.speed + _STEP / inertia * torque
+        free = self.speed + self._step / inertia * torque
         grip = coulomb + breakaway * np.exp(-((self.speed / stribeck) ** 2))
         # Friction brings a rotor to rest within a step and holds it there: it sticks, without creep.
-        self.speed = np.sign(free) * np.maximum(np.abs(free) - _STEP / inertia * grip, 0.0)
-        self.angle = self.angle + _STEP * self.speed
+        self.speed = np.sign(free) * np.maximum(np.abs(free) - self._step / inertia * grip, 0.0)
+        self.angle = self.angle + self._step * self.speed
         return passed
 
 
-def _bare(path: Path, heavier: float) -> mujoco.MjModel:
+def _bare(path: Path, heavier: float, step: float) -> mujoco.MjModel:
     """The links alone: no servo, no friction, no contacts, and other masses than the model says."""
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise ModelError(f"model '{path}' does not load: {' '.join(str(error).split())}") from None
-    model.opt.timestep = _STEP
+    model.opt.timestep = step
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION) | int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0

@@ -26,8 +26,6 @@ from trueup.units import GRAVITY
 
 FITNESS = ("paper", "repaired")
 ANGLES, HEIGHT = "base_orientation", "base_position"
-AFTER = 1.0
-"""s that the robot has to keep its final pose before it is judged."""
 _AT_REST = 0.005  # rad/s and m/s, of all joints and the base at once: a fall from there takes longer than is watched
 _TURNING = "base_turning"
 _EPSILON = 0.1  # rad, in the paper's integrand 1 / (|angle| + 0.1)
@@ -36,13 +34,14 @@ _NEAREST = 0.1  # beside 1 for standing all the time
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """An End of simulated runs: the motion is over, and nothing moves any more, or `AFTER` s have gone by since.
+    """An End of simulated runs: the motion is over, and nothing moves any more, or `after` s have gone by since.
 
     It needs to know the motion, so recordings and runs of planned commands do not end so; nor do runs that are pushed, of
     which nobody knows whether they are over.
     """
 
     motion: Motion
+    after: float
     name: str = "settled"
 
     @property
@@ -63,7 +62,7 @@ class Settled:
         # MuJoCo's speeds are those of the base too; DART tells its turning beside those of the joints.
         speeds = [observation.velocity, *(v for n, v in observation.sensors.items() if n == _TURNING)]
         fastest = np.max([np.abs(v).max(axis=1, initial=0.0) for v in speeds], axis=0)
-        return (since > AFTER) | ((since > 0.0) & (fastest < _AT_REST))
+        return (since > self.after) | ((since > 0.0) & (fastest < _AT_REST))
 
 
 @dataclass(frozen=True)
@@ -84,8 +83,8 @@ class Standing:
 class Transition:
     """A Task: the keyframes and times with which a humanoid gets from one pose to another, and stays there.
 
-    Every candidate stands or falls as it is `AFTER` s after its last keyframe (the paper's T + 1), where simulated runs end;
-    scores are over the same time for all, the longest motion and `AFTER`, for which what was last seen is kept. The score
+    Every candidate stands or falls as it is `after` s after its last keyframe (the paper's T + 1), where simulated runs end;
+    scores are over the same time for all, the longest motion and `after`, for which what was last seen is kept. The score
     is minus a fitness. 'paper' is theirs as printed, eq. 3: the integral of 1 / (|angle| + 0.1) from 0 to T + 1, which grows
     with T and pays for waiting and then falling. 'repaired' (default) counts what is gained over the start: the mean over the
     trial of their integrand times the square of the share of the final height, both at most 1, less what the start has of it,
@@ -112,6 +111,8 @@ class Transition:
     fallen: float = 0.5
     """Share of the final height below which a run ends, once its start is behind it; 0: runs never end early."""
     standing: Standing = Standing()
+    after: float = 1.0
+    """s that the robot has to keep its final pose before it is judged."""
     parameters: ParameterSpace = field(init=False)
     trials: tuple[Trial, ...] = field(init=False)
 
@@ -130,7 +131,7 @@ class Transition:
     @property
     def duration(self) -> float:
         """Of the trial, in s."""
-        return self.motion.latest + AFTER
+        return self.motion.latest + self.after
 
     def controllers(self, values: Array) -> Keyframes:
         """The controller of b copies with values (b, m)."""
@@ -150,7 +151,7 @@ class Transition:
     def watched(self, candidate: Array) -> Trial:
         """`planned`, until it is judged: all that a robot has to be recorded for."""
         (trial,) = self.planned(candidate)
-        stop = float(self.motion.arrivals(candidate[None])[0]) + AFTER
+        stop = float(self.motion.arrivals(candidate[None])[0]) + self.after
         seen = {n: replace(o, time=o.time[o.time < stop + 1.0 / self.rate]) for n, o in trial.observed.items()}
         return replace(trial, duration=min(stop + 1.0 / self.rate, trial.duration), observed=seen)
 
@@ -160,7 +161,7 @@ class Transition:
         angle, height, rate = self._seen(rollout)
         time, arrival = rollout.trial.observed[ANGLES].time, self.arrivals(rollout)
         if self.fitness == "paper":
-            counted = np.clip((arrival + AFTER)[:, None] - time[:-1], 0.0, 1.0 / self.rate)
+            counted = np.clip((arrival + self.after)[:, None] - time[:-1], 0.0, 1.0 / self.rate)
             return -(counted / (angle[:, :-1] + _EPSILON)).sum(axis=1)
         high = np.clip(height / self.final_height, 0.0, 1.0) ** 2
         value = high * _EPSILON / (angle + _EPSILON)
@@ -173,7 +174,7 @@ class Transition:
     def arrivals(self, rollout: Rollout) -> Array:
         """(b,) when each motion reaches its last pose, in s; the latest that may be where nobody says which motion it was."""
         if rollout.settings is None:
-            return np.full(len(rollout.channels[ANGLES]), self.duration - AFTER)
+            return np.full(len(rollout.channels[ANGLES]), self.duration - self.after)
         return self.motion.arrivals(rollout.settings)
 
     def succeeded(self, rollouts: Sequence[Rollout]) -> Mask:
@@ -192,9 +193,9 @@ class Transition:
             )  # fmt: skip
 
     def _judged(self, rollout: Rollout) -> Array:
-        """(b,) when each run is judged, in s: `AFTER` s after its motion; where it is pushed, at the end of its trial."""
+        """(b,) when each run is judged, in s: `after` s after its motion; where it is pushed, at the end of its trial."""
         pushed = any(isinstance(d, (Push, Buffeting)) for d in rollout.trial.disturbances)
-        return self.arrivals(replace(rollout, settings=None) if pushed else rollout) + AFTER
+        return self.arrivals(replace(rollout, settings=None) if pushed else rollout) + self.after
 
     def _seen(self, rollout: Rollout) -> tuple[Array, Array, Array]:
         """(b, T) angle of the torso from the wanted direction in rad, height in m, and size of the tilt's rate in rad/s."""
@@ -217,7 +218,7 @@ class Transition:
         time = np.arange(round(self.duration * self.rate) + 1) / self.rate
         lowest = min(self.final_height, float(self.start[HEIGHT].column("z")[0]))
         fallen = (Fallen(height=self.fallen * lowest),) if self.fallen > 0.0 else ()
-        ends: tuple[End, ...] = (*fallen, Settled(self.motion))
+        ends: tuple[End, ...] = (*fallen, Settled(self.motion, self.after))
         return Trial(
             name=self.name, start=0.0, duration=float(time[-1]), command=None, initial=self.start, ends=ends,
             observed={
@@ -227,6 +228,6 @@ class Transition:
             },
             notes=(
                 "Angles of the torso: roll, pitch, yaw in rad, x forward, z up. The first pose is held before the start; the "
-                f"run counts until {AFTER:g} s after the longest motion, whatever happens.",
+                f"run counts until {self.after:g} s after the longest motion, whatever happens.",
             ),
         )  # fmt: skip

@@ -26,7 +26,6 @@ from trueup.trial import Observed, Trial, Watched
 from trueup.units import AS_FAR, GRAVITY
 
 PLACE, ANGLES = "base_position", "base_orientation"
-_BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,6 +213,8 @@ class LineWalk(AheadWalk):
     laps: int = 1
     """How many lines lie behind one another: a trial that goes on tells as much as several."""
     lane: float = 0.75
+    ball: float = 1.0
+    """m that it lies beyond the last line, so that steering never becomes abrupt."""
     slowest: float = SLOWEST
     """m/s: who is slower does not arrive."""
 
@@ -232,7 +233,7 @@ class LineWalk(AheadWalk):
     @property
     def course(self) -> Array:
         """See Walk."""
-        return np.array([[0.0, self.far + _BALL, 0.0, self.share, 0.0]])
+        return np.array([[0.0, self.far + self.ball, 0.0, self.share, 0.0]])
 
     @property
     def watched(self) -> Watched:

@@ -17,13 +17,12 @@ from trueup.samples import between, in_force_over
 from trueup.tracking.channels import PLACE, READ
 from trueup.tracking.rest import stood
 from trueup.tracking.start import POSE_WINDOW, start_state
-from trueup.trial import Trial
+from trueup.trial import SETTLE, Trial
 
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
 MOVES = 0.2  # m/s: slower, the direction of motion and the curvature of the way say nothing
 _PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
-SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
 
 @dataclass(frozen=True, eq=False)

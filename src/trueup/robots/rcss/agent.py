@@ -20,7 +20,6 @@ from trueup.units import GRAVITY
 
 CYCLE = 0.02
 """s from one message to the next, of both servers."""
-_UPRIGHT = np.array([0.0, 0.0, 1.0])
 _STEADY = 0.5
 """s over which an accelerometer is averaged into which way is up."""
 
@@ -30,7 +29,7 @@ class Agent:
 
     def __init__(self, line: Connection, body: Body, team: str, number: int, patience: float) -> None:
         self._line, self.body = line, body
-        self.cycle, self._began, self._up = 0, math.nan, _UPRIGHT
+        self.cycle, self._began, self._up = 0, math.nan, np.eye(3)[2]
         for message in body.joining(team, number):
             line.send(message)
             self.now = self._heard()
@@ -71,7 +70,7 @@ class Agent:
     def beam(self, place: tuple[float, float, float]) -> None:
         """To x, y in m and a heading in degrees, joints at zero: as both servers do before a kick-off."""
         self._say(f"(beam {place[0]:.4f} {place[1]:.4f} {place[2]:.3f})")
-        self._up = _UPRIGHT
+        self._up = np.eye(3)[2]
 
     def move(self, target: Array) -> None:
         """Orders the joints to `target` (k,) in rad and perceives the next cycle."""

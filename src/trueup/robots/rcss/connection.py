@@ -13,8 +13,6 @@ from trueup.errors import TrialError
 
 LONGEST = 1 << 20
 """Bytes of a message: a server's own have some thousand; whatever asks for more speaks another protocol."""
-_LEAVING = 1.0
-"""s in which a server closes its side of a connection that was left."""
 
 
 class Connection:
@@ -39,7 +37,7 @@ class Connection:
         """Leaves, and takes what is still on its way: a server that meets a closed door may come down with it."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
-            until = time.monotonic() + _LEAVING
+            until = time.monotonic() + self._timeout
             while (left := until - time.monotonic()) > 0.0:
                 self._socket.settimeout(left)
                 if not self._socket.recv(1 << 16):

@@ -20,8 +20,6 @@ from trueup.rounding import SAME_INSTANT
 from trueup.tracking.channels import CHANNELS, PLACE, READ
 from trueup.trial import STEP, Trial
 
-_DRIFTING = 8.0  # s over which the slow error of the localisation changes
-
 
 @dataclass(frozen=True, eq=False)
 class Drive:
@@ -40,7 +38,7 @@ class StandInVehicle:
 
     A trial with a reference 'path' is driven by the robot's own Stanley controller with the gains in `Trial.settings`
     (1 where none is given); one with a command channel (speed, steering) is played open loop. `failing` is the share of
-    runs that the operator must abort.
+    runs that the operator must abort; `drifting` s are those over which the slow error of the localisation changes.
     """
 
     def __init__(
@@ -50,10 +48,11 @@ class StandInVehicle:
         *,
         seed: int = 0,
         failing: float = 0.0,
+        drifting: float = 8.0,
     ) -> None:
         self.truth = VehicleTruth.drawn(truth) if isinstance(truth, int) else truth
         self.settings = settings or StanleySettings()
-        self._failing, self._seed = failing, seed
+        self._failing, self._drifting, self._seed = failing, drifting, seed
         self._rng = np.random.default_rng([seed, 7])
 
     @property
@@ -90,8 +89,8 @@ class StandInVehicle:
         controller = Stanley(gains, self.settings, names=names)
         rows, time = len(controller.gains), self._clock(trial)
         unrest = (
-            _noise(self._rng, rows, len(time), self.settings.period) if noise is None else
-            np.repeat(_noise(np.random.default_rng([noise, 8]), 1, len(time), self.settings.period), rows, axis=0)
+            self._noise(self._rng, rows, len(time)) if noise is None else
+            np.repeat(self._noise(np.random.default_rng([noise, 8]), 1, len(time)), rows, axis=0)
         )  # fmt: skip
         truth, seen = np.empty((rows, len(time), READ)), np.empty((rows, len(time), READ))
         orders = np.empty((rows, len(time), 2))
@@ -105,9 +104,20 @@ class StandInVehicle:
         time = self._clock(trial)
         orders = np.ascontiguousarray(trial.command.select(("speed", "steering")).at(time + trial.start, hold=True))
         truth, seen = np.empty((len(time), READ)), np.empty((len(time), READ))
-        noise = _noise(self._rng, 1, len(time), self.settings.period)[0]
+        noise = self._noise(self._rng, 1, len(time))[0]
         play(self.truth.row, _start(trial), self.settings.period, STEP, noise, orders, truth, seen)
         return Drive(time, truth[None], seen[None], orders[None])
+
+    def _noise(self, rng: np.random.Generator, rows: int, ticks: int) -> Array:
+        """(rows, ticks, 7) unit noise of x, y, heading, speed, yaw rate, and slow drift of x and y."""
+        from scipy.signal import lfilter
+
+        noise = rng.standard_normal((rows, ticks, 7))
+        keep = np.exp(-self.settings.period / self._drifting)
+        slow = noise[:, :, 5:] * np.sqrt(1.0 - keep**2)
+        slow[:, 0] = noise[:, 0, 5:]
+        noise[:, :, 5:] = lfilter([1.0], [1.0, -keep], slow, axis=1)
+        return noise
 
     def _clock(self, trial: Trial) -> Array:
         return self.settings.period * np.arange(
@@ -134,18 +144,6 @@ class StandInVehicle:
                     channels["yaw_rate"] = Channel("yaw_rate", ("yaw_rate",), "rad/s", o.time, turning)
         settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
         return Recording(name, channels, {"source": "stand-in vehicle", "settings": settings})
-
-
-def _noise(rng: np.random.Generator, rows: int, ticks: int, period: float) -> Array:
-    """(rows, ticks, 7) unit noise of x, y, heading, speed, yaw rate, and slow drift of x and y."""
-    from scipy.signal import lfilter
-
-    noise = rng.standard_normal((rows, ticks, 7))
-    keep = np.exp(-period / _DRIFTING)
-    slow = noise[:, :, 5:] * np.sqrt(1.0 - keep**2)
-    slow[:, 0] = noise[:, 0, 5:]
-    noise[:, :, 5:] = lfilter([1.0], [1.0, -keep], slow, axis=1)
-    return noise
 
 
 def _start(trial: Trial) -> Array:
