@@ -14,6 +14,9 @@ _DEGREE, _TURN = math.radians(1.0), math.tau
 
 GRAVITY = 9.81
 """m/s2, near the ground; what model files say counts before it."""
+EARTH = (9.76, 9.84)
+"""m/s2: the least and the largest on Earth's surface (C. Hirt et al., "New ultrahigh-resolution picture of Earth's gravity
+field", 2013), to the digits that people give; files differ by as much."""
 
 FULL_LOCK = math.pi / 2.0
 """rad: no wheel is steered further."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 from types import FunctionType
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from trueup.actuators import servo
@@ -17,7 +18,8 @@ from trueup.compiled import njit
 from trueup.rounding import whole_steps
 from trueup.trial import STEP
 
-SOFTNESS = 1e-4  # (1 - d) / d of MuJoCo's dry friction at its hardest, d = 0.9999
+HARDEST: float = mujoco.mjMAXIMP
+"""Impedance of MuJoCo's dry friction, as far as it goes."""
 
 
 def _compiled(function: FunctionType, **names: object) -> Any:
@@ -67,7 +69,7 @@ def _replay(
         external = -moment * np.sin(q - hangs)
         total = torque - damping * v + external
         if dry > 0.0:
-            total += friction_force(total / mass, mass, -v / step, SOFTNESS / mass, dry)
+            total += friction_force(total / mass, mass, -v / step, (1.0 - HARDEST) / HARDEST / mass, dry)
         v += step * total / (mass + step * (share * damping + bent * abs(v)))
         q += step * v
         out[s] = q

@@ -24,7 +24,8 @@ from trueup.units import GRAVITY, numbers_of, to_si
 CALM = 1.0  # s over which steps and pushes average out, and gravity stays
 _FASTEST = 35.0
 """rad/s, 2000 degrees per second: the widest range of the gyros that robots carry."""
-_ACCELERATIONS = {"m/s^2": GRAVITY, "g0": 1.0, "mg": 1000.0}
+_IN_G = GRAVITY * numbers_of("g0")
+_ACCELERATIONS = {"m/s^2": GRAVITY, "g0": _IN_G, "mg": _IN_G * numbers_of("permille")}
 RATES = {unit: numbers_of(unit) for unit in ("rad/s", "deg/s", "rev/s", "rpm")}
 _NAMES = {"g0": "g", "mg": "thousandths of g"}
 

@@ -56,8 +56,6 @@ class Unrest:
         )
 
 
-STILL = Unrest(0.0, 0.0, 0.0, 0.0, 0.0)
-"""Nothing disturbs."""
 COURSES = ("front", "line", "around")
 
 
@@ -112,7 +110,7 @@ def task_of(
     model = model_of(simulator)
     own["parameters"] = sized(float(biped_of(model, left, right).legs.longest.mean()))
     made = walking(
-        model, left, right, kinds[course], unrest=STILL if quiet else Unrest(), period=period, share=share,
+        model, left, right, kinds[course], unrest=None if quiet else Unrest(), period=period, share=share,
         runs=runs, seed=seed, **own,
     )  # fmt: skip
     return replace(made, parameters=_begun_with(made.parameters, nominal or {}))
@@ -143,7 +141,7 @@ def _begun_with(space: ParameterSpace, values: Mapping[str, float]) -> Parameter
 
 
 def walking(
-    model: Model, left: Sequence[str], right: Sequence[str], kind: type[AnyWalk], *, unrest: Unrest = STILL,
+    model: Model, left: Sequence[str], right: Sequence[str], kind: type[AnyWalk], *, unrest: Unrest | None = None,
     period: float = 0.01, **fields: object,
 ) -> AnyWalk:  # fmt: skip
     """A walking task of a model; `fields` are those of `kind` (`share`, `runs`, `seed`, ...)."""
@@ -173,8 +171,9 @@ def walking(
     steps = {"steps": lambda values: stepping_speed(values, longest)} if issubclass(kind, AheadWalk) else {}
     own: dict[str, object] = {
         "parameters": PARAMETERS, "make": make, "height": float(m.key_qpos[0, m.jnt_qposadr[joint] + 2]),
-        "sensing": unrest.sensing(period, gyro, accelerometer),
-        "disturbances": () if unrest == STILL else unrest.disturbances(model, base, motors), **steps, **fields,
+        "sensing": [Sensing(s, latency=period) for s in (gyro, accelerometer)] if unrest is None else
+                   unrest.sensing(period, gyro, accelerometer),
+        "disturbances": () if unrest is None else unrest.disturbances(model, base, motors), **steps, **fields,
     }  # fmt: skip
     return kind(**own)  # type: ignore[arg-type]
 

@@ -11,14 +11,10 @@ import numpy as np
 
 from trueup.errors import IdentificationError
 from trueup.rounding import TINY
-from trueup.units import GRAVITY
+from trueup.units import EARTH, GRAVITY
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
-
-_EARTH = (9.76, 9.84)
-"""m/s^2: the least and the largest on Earth's surface (C. Hirt et al., "New ultrahigh-resolution picture of Earth's gravity
-field", 2013), to the digits that people give."""
 
 
 def add_gravity(parser: argparse.ArgumentParser, more: str = "") -> None:
@@ -40,7 +36,7 @@ def strange(gravity: Sequence[float]) -> list[str]:
     given, size = in_words(gravity), float(np.linalg.norm(gravity))
     if not np.isfinite(size):
         raise IdentificationError(f"--gravity {given}: three finite numbers are needed, in m/s^2, as 0 0 -{GRAVITY:g}")
-    if size <= TINY or _EARTH[0] <= size <= _EARTH[1]:
+    if size <= TINY or EARTH[0] <= size <= EARTH[1]:
         return []
     earthly = in_words(np.asarray(gravity) * GRAVITY / size)
     return [f"--gravity {given} is {size:.4g} m/s^2; on Earth it is {GRAVITY:g}, in that direction --gravity {earthly}"]

@@ -25,9 +25,6 @@ from trueup.identification.information import information
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 
-_STATES = (np.pi, 3.0, 10.0)
-"""Ranges of random positions, speeds and accelerations, rad and s: gravity and motion of like weight."""
-
 
 @dataclass(frozen=True, eq=False)
 class DynamicModel:
@@ -184,9 +181,9 @@ class DynamicModel:
         return base
 
     def _excited(self, rng: np.random.Generator) -> Array:
-        """(count n, p) regressor at random states, six rows a column or more."""
+        """(count n, p) regressor at random states, six rows a column or more: accelerations as large as squares of speeds."""
         count = max(40, 6 * self.p // self.tree.n)
-        states = (rng.uniform(-size, size, (count, self.tree.n)) for size in _STATES)
+        states = (rng.uniform(-size, size, (count, self.tree.n)) for size in (np.pi, np.pi, np.pi**2))
         return self.regressor(*states).reshape(-1, self.p)
 
 

@@ -14,6 +14,7 @@ from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout
 from trueup.errors import ParameterError, unknown_name
+from trueup.instant import STILL
 from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
@@ -35,7 +36,6 @@ UNLIKE = 0.3
 one law, below which another explains it. Of three made-up robots the first was 0.2 at most where the pose is late and a
 `lead` acts on a turn rate that is only seen in the heading.
 """
-_NOISE = 0.02  # rad, a degree: noise of the pose turns the wheels as far on a straight path
 
 _BACK = 0.75 * np.pi  # rad within a wheelbase: no corner, the vehicle would have to back off
 _SLACK = 1.0 / 0.7
@@ -126,13 +126,13 @@ class FollowPath:
         for row, settings in enumerate([] if rollout.settings is None else rollout.settings):
             apart, spread = self._apart(rollout, row, settings)
             today = self._apart(rollout, row, self.parameters.nominal)[0]
-            if apart > _NOISE and today < UNLIKE * apart:
+            if apart > STILL and today < UNLIKE * apart:
                 found.append(
                     f"what was steered along path '{path.name}' is what the law commands with the settings of today, to "
                     f"{today:.2g} rad, and {apart:.2g} rad from what it commands with those of this run: were they set? "
                     "`trueup resume --retract` asks for the run again"
                 )
-            elif apart > max(UNLIKE * spread, _NOISE):
+            elif apart > max(UNLIKE * spread, STILL):
                 found.append(
                     f"what was steered along path '{path.name}' is {apart:.2g} rad from what the law commands with these "
                     f"settings where the log says the robot was (it commands {spread:.2g} rad; both root mean square): were "

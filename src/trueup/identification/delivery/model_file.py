@@ -20,13 +20,12 @@ from trueup.identification.urdf import GEAR, ROTOR, is_urdf
 from trueup.model_files.references import relocate_meshes
 from trueup.model_files.xml_text import Element, XmlText, tag
 from trueup.rounding import NEGLIGIBLE, ROUNDED
+from trueup.units import EARTH
 
 if TYPE_CHECKING:
     import mujoco
 
 
-_UPRIGHT = 0.05
-"""m/s^2: gravity differs by as much between places, and files round it."""
 _TENSOR = tuple(name.casefold() for name in NAMES if name.startswith("I"))
 """Attributes of <inertia>, in the order of the ten numbers."""
 
@@ -59,7 +58,7 @@ def _lacking(fit: FileFit, tree: KinematicTree, *, urdf: bool) -> list[str]:
 
 def _mounted(tree: KinematicTree, path: Path) -> tuple[str, ...]:
     """What to say where a file that was written stands otherwise than the arm that was identified."""
-    if np.allclose(own := load_tree(path).gravity, tree.gravity, rtol=0.0, atol=_UPRIGHT):
+    if np.allclose(own := load_tree(path).gravity, tree.gravity, rtol=0.0, atol=EARTH[1] - EARTH[0]):
         return ()
     there, here = (" ".join(f"{round(float(g), 3) + 0.0:g}" for g in each) for each in (tree.gravity, own))
     said = (

@@ -17,7 +17,7 @@ from trueup.identification.estimation.motion import Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.ranges import shorter
 from trueup.instant import STILL
-from trueup.units import FURTHEST_TURN
+from trueup.units import FURTHEST_TURN, numbers_of
 
 DOUBTFUL, POOR = 0.1, 0.35
 """Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
@@ -26,8 +26,6 @@ _SLIGHTLY, _MUCH = 0.9, 0.1
 torque: chance does not do that."""
 AS_GOOD = 1.1
 """Times an error that is as good."""
-_TORQUE_FACTOR = 30.0
-"""Times the torque limit of the model file that no drive delivers."""
 
 _SMALLER = {
     "torque": 'If it is in thousandths, say unit = "mN m" in the mapping; if it is a current, rename the channel and give '
@@ -172,7 +170,7 @@ def _check_torque(log: Log, tree: KinematicTree) -> None:
     known = np.isfinite(effort) & (effort > 0.0)
     if known.any():
         ratio = float(np.median(reached[known] / effort[known]))
-        if ratio > _TORQUE_FACTOR:
+        if ratio**2 > numbers_of("mN m"):  # nearer to thousandths
             worst = int(np.argmax(np.where(known, reached / np.where(known, effort, 1.0), 0.0)))
             raise IdentificationError(
                 f"recording '{log.name}': {log.channel} of {tree.joints[worst]} reaches {reached[worst]:.4g} N m, "

@@ -115,3 +115,8 @@ def slow_cutoff(rate: float) -> float:
 def highest_cutoff(rate: float) -> float:
     """The highest cut-off in Hz that makes sense at a rate in Hz."""
     return _NYQUIST * 0.5 * rate
+
+
+def lowest_rate(cutoff: float) -> float:
+    """The lowest rate in Hz at which a cut-off in Hz makes sense."""
+    return cutoff / highest_cutoff(1.0)

@@ -19,6 +19,7 @@ from trueup.identification.estimation.filtering import (
     even,
     grid,
     highest_cutoff,
+    lowest_rate,
 )  # fmt: skip
 from trueup.identification.estimation.missing import Gaps, bridged, clear_of, gaps
 from trueup.identification.kinematic_tree import KinematicTree
@@ -32,8 +33,6 @@ TORQUES = ("torque", "current", "load")
 """Channels that may hold torque, the first one present counts."""
 _AHEAD = 4.0
 """Positions are filtered at this many times the cut-off first: it keeps accelerations finite and changes nothing below."""
-_SAMPLED = 2.5
-"""Columns are computed at this many times that, so that what nonlinear ones add above the cut-off can be filtered away."""
 _RESTING = 0.01
 """Of the top speed: slower samples at either end of a log are standstill."""
 _COMPARED = 5.0
@@ -105,7 +104,7 @@ class Log:
         Raises IdentificationError where the log is too short or too slow for the cut-off.
         """
         ahead = min(_AHEAD * cutoff, highest_cutoff(self.rate))
-        every = decimated(self.rate, _SAMPLED * ahead)
+        every = decimated(self.rate, lowest_rate(ahead))  # columns: what nonlinear ones add is filtered away
         passing = Lowpass(self.rate, ahead)
         q, torque = passing(self.position), passing(self.torque)
         v = passing(self.velocity) if measured_speed and self.velocity is not None else derivative(q, self.rate)

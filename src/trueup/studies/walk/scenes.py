@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from trueup.articulated.declarations import Declaration, declare
-from trueup.campaign.walks import STILL, Unrest, walking
+from trueup.campaign.walks import Unrest, walking
 from trueup.controllers.walk_engine.legs import Biped
 from trueup.engines.mujoco.biped import biped_of
 from trueup.engines.mujoco.model import Model, load
@@ -66,4 +66,4 @@ def doubtful(step: float = STEP, threads: int | None = None) -> MujocoSimulator:
 
 def task(kind: type[AnyWalk] = WalkFront, *, noisy: bool = True, period: float = CYCLE, **more: object) -> AnyWalk:
     """A walking task of the SimSpark-like model; `more` are fields of the task (`share`, `runs`, `seed`, ...)."""
-    return walking(load(SIMSPARK), LEFT, RIGHT, kind, unrest=NOISE if noisy else STILL, period=period, **more)
+    return walking(load(SIMSPARK), LEFT, RIGHT, kind, unrest=NOISE if noisy else None, period=period, **more)
