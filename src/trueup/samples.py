@@ -17,6 +17,8 @@ MOST = 0.5
 MOSTLY = 0.9
 """Of a whole: what is so for as much of it counts as so for all. The tenth that is left are rows that a log has lost, samples
 with errors of a bus, moments in which a robot turns round."""
+SLIGHT = 0.02
+"""Of a whole: what is less of it is as good as none, and what differs by less is as good as the same."""
 NEIGHBOURS = 3
 """Samples on either side, by whose median one is judged: faults of up to three samples stand out of it, and a step, which has
 its like on one side, does not."""

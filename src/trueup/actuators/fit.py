@@ -24,7 +24,6 @@ from trueup.trial import STEP
 
 WINDOWS = (0.3, 1.0, np.inf)  # s: strokes of a servo, motions of several, all
 _APART = 5e-3  # share of the box between which slopes are taken for intervals
-_NUDGE = 1e-3  # share of the box: a structure may be absent
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,11 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
     ranges = np.array([p.log_range for p in parameters])
     begin = space.to_unit([start.get(p.name, p.nominal) for p in parameters])
     search = LeastSquares(
-        np.clip(begin, 0.0, 1.0), ranges, max_iterations=iterations, confirm=without is None, nudge=_NUDGE
+        np.clip(begin, 0.0, 1.0),
+        ranges,
+        max_iterations=iterations,
+        confirm=without is None,
+        nudge=LeastSquares.difference,
     )
 
     while not search.done:

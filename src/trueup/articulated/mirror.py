@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.samples import SLIGHT
 
-_AS_GOOD = 0.02  # share of the robot's size by which mirrored joints may miss one another
 _SIDES = re.compile(
     r"(?i:(^|[_.\-])(left|right|l|r)(?=[_.\-]|$))|(?<=[a-z0-9])(Left|Right|L|R)$|^(left|right|Left|Right|[lrLR](?=[A-Z]))"
 )
@@ -72,16 +72,16 @@ def _pairs(joints: tuple[str, ...], anchors: Array, axes: Array, normal: Array) 
         apart = np.linalg.norm(anchors - flipped[i], axis=1) / size
         along = axes @ wanted[i]
         partners = [
-            j for j in np.flatnonzero((apart < _AS_GOOD) & (np.abs(along) > 1.0 - _AS_GOOD)).tolist() if j not in taken
+            j for j in np.flatnonzero((apart < SLIGHT) & (np.abs(along) > 1.0 - SLIGHT)).tolist() if j not in taken
         ]
         others = [j for j in partners if j != i]
-        sagittal = bool(abs(axes[i] @ normal) > 1.0 - _AS_GOOD)
+        sagittal = bool(abs(axes[i] @ normal) > 1.0 - SLIGHT)
         alike = [j for j in others if _bare(joints[j]) == _bare(joint)]
-        if others and abs(anchors[i] @ normal) / size > _AS_GOOD / 2:
+        if others and abs(anchors[i] @ normal) / size > SLIGHT / 2:
             j = (alike or others)[0]
             taken |= {i, j}
             found.append(Mirrored(_bare(joint), (joint, joints[j]), (1.0, float(np.sign(along[j]))), sagittal))
-        elif abs(anchors[i] @ normal) / size <= _AS_GOOD / 2:
+        elif abs(anchors[i] @ normal) / size <= SLIGHT / 2:
             taken.add(i)
             found.append(Mirrored(joint, (joint,), (1.0,), sagittal))
     return tuple(found)

@@ -12,10 +12,10 @@ from trueup.errors import GroundingError
 from trueup.instant import MISSING, usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, SAME_INSTANT
+from trueup.samples import SLIGHT
 
 FRAME = 0.02
 """s: the paper's frame, in which simulator and robot are compared; the shortest one that is taken by itself."""
-SAME_RATE = 0.02  # share by which a spacing may miss a whole number of times another and is still taken as that
 
 
 def period_of(recordings: Sequence[Recording]) -> float:
@@ -41,7 +41,7 @@ def instants_of(recording: Recording, period: float) -> Array:
     if len(time) < 2:
         return time
     every = period / usual_step(time)
-    if every > 1.0 - SAME_RATE and abs(every - round(every)) <= SAME_RATE * every:
+    if every > 1.0 - SLIGHT and abs(every - round(every)) <= SLIGHT * every:
         return time[:: max(round(every), 1)]
     return time[0] + period * np.arange(int((time[-1] - time[0]) / period + PRINTED) + 1)
 

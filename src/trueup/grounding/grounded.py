@@ -15,11 +15,11 @@ from trueup.controllers.controller import Controller, ControllerFactory, Looking
 from trueup.controllers.playback import Playback
 from trueup.engines.simulator import REFUSED, Commanded, Forced, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
-from trueup.grounding.frames import SAME_RATE
 from trueup.grounding.grounding import Grounding
 from trueup.instant import usual_step
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT
+from trueup.samples import SLIGHT
 from trueup.trial import Trial
 
 
@@ -54,13 +54,13 @@ class GroundedController:
         self._columns = np.array([list(columns).index(j) for j in inputs.commands])
         self.period = min(inner.period, inputs.period)
         self._every = round(inputs.period / self.period)
-        if abs(self._every * self.period - inputs.period) > SAME_RATE * inputs.period:
+        if abs(self._every * self.period - inputs.period) > SLIGHT * inputs.period:
             raise GroundingError(
                 f"the controller's period of {1e3 * inner.period:g} ms does not divide the grounding's frame of "
                 f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"
             )
         slower = inner.period / inputs.period
-        if slower > 1.0 and abs(slower - round(slower)) > SAME_RATE * slower:
+        if slower > 1.0 and abs(slower - round(slower)) > SLIGHT * slower:
             raise GroundingError(
                 f"the controller's period of {1e3 * inner.period:g} ms is no whole number of the grounding's frames of "
                 f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from trueup.errors import GroundingError, counted
 from trueup.evidence import evidence
+from trueup.grounding.blend import SHARES
 from trueup.grounding.comparison import (
     MOST,
     Comparison,
@@ -33,8 +34,6 @@ from trueup.grounding.remarks import remarks
 from trueup.grounding.rows import Inputs, Rows, inputs_of, refuse_others, rows_of
 from trueup.grounding.views import VIEWS, Model, fitted, view_named
 from trueup.recording import Recording
-
-_SHARES = (1.0, 0.75, 0.5, 0.25)  # of what a learner departs from a line
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def no_worse_than_a_line(found: Comparison, rows: Rows, view: str, seed: int) ->
         return LEARNERS[name], 1.0, found.by_run[name]
     kept = [(LEARNERS["linear"], 1.0, line)]
     for name in sorted(found.by_run, key=lambda n: found.by_run[n].typical)[:tried]:
-        for share in _SHARES:
+        for share in SHARES[:0:-1].tolist():
             learner = tempered(LEARNERS[name], share)
             told = cross_validated(learner, rows, folds_by_run(rows), view, seed=seed)
             if told is not None and evidence(line.by_fold, told.by_fold).gain >= 0.0:

@@ -12,9 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Calibration, Replay
 from trueup.report.numbers import Scale, with_unit
-
-SAME = 0.01
-"""Changes smaller than one percent count as neither better nor worse."""
+from trueup.samples import SLIGHT
 
 
 @dataclass(frozen=True)
@@ -33,13 +31,13 @@ class Score:
 
     @property
     def worse(self) -> bool:
-        """Whether the error rose by more than a percent, or the calibrated model could not be replayed at all."""
-        return self.after > self.before * (1 + SAME) or (math.isnan(self.after) and math.isfinite(self.before))
+        """Whether the error rose by more than two percent, or the calibrated model could not be replayed at all."""
+        return self.after > self.before * (1 + SLIGHT) or (math.isnan(self.after) and math.isfinite(self.before))
 
     @property
     def better(self) -> bool:
-        """Whether the error fell by more than a percent."""
-        return self.after < self.before * (1 - SAME)
+        """Whether the error fell by more than two percent."""
+        return self.after < self.before * (1 - SLIGHT)
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.instant import MISSING, usual_step
 from trueup.recording import Channel, Recording
+from trueup.samples import MOSTLY
 from trueup.tracking.commands import TOGETHER
 from trueup.tracking.heading import heading_of
 
 _ON_A_FLOOR, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Half axis in m and flattening of the earth (WGS 84)."""
-_REPEATED = 0.3  # share of the values that stand in more than one row: the rows are more frequent than the sensor
 
 
 def place_of(recording: Recording) -> tuple[Channel, Channel | None, list[str]]:
@@ -49,7 +49,7 @@ def fresh(channel: Channel) -> Channel:
     runs = np.diff(np.append(begun, len(values)))
     usual = int(np.median(runs[1:-1])) if len(runs) > 20 else 1
     moving = runs[runs <= 4 * max(usual, 2)]
-    if not len(moving) or np.mean(moving > 1) < _REPEATED:
+    if not len(moving) or np.mean(moving == 1) > MOSTLY:
         return channel
     missing = np.concatenate([[0.0], np.diff(channel.time)])[begun] > MISSING * usual_step(channel.time)
     starts = begun + usual * missing

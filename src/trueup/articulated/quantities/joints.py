@@ -8,6 +8,7 @@ import numpy as np
 from trueup.articulated.laws import STRIBECK_SPEED, VaryingFriction
 from trueup.articulated.model import Model
 from trueup.articulated.quantities.quantity import Quantity, around, between, factor
+from trueup.samples import SLIGHT
 
 BANDWIDTH = 2.0 * np.pi * 5.0
 """rad/s: servos of arms, hands and legs follow at some hertz."""
@@ -36,9 +37,6 @@ _GEARED, _SCREWED = 5.0, 20.0
 """Times what a hinge or a slide moves that its rotor may be behind the gear or the screw: a worm's elbow has 2.6, the lift of
 a SCARA by a ball screw of 20 mm a turn 11."""
 
-_SLIGHT = 0.02
-"""Share of what a joint moves that is as good as none."""
-
 
 def _moved(model: Model, joint: str) -> float:
     """The inertia that the joint moves."""
@@ -52,7 +50,7 @@ def _geared(model: Model, joint: str) -> float:
 
 def _light(model: Model, joint: str) -> float:
     """Rotor inertia that hardly adds to what the joint moves: a finger moves less than the least rotor of an arm."""
-    return _SLIGHT * _moved(model, joint)
+    return SLIGHT * _moved(model, joint)
 
 
 def _springy(model: Model, joint: str) -> float:

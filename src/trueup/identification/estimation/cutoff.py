@@ -11,12 +11,11 @@ from trueup.arrays import Array
 from trueup.identification.estimation.filtering import derivative, slow_cutoff
 from trueup.identification.estimation.missing import clear_of
 from trueup.identification.estimation.motion import Log
+from trueup.noise import FEWEST
 from trueup.rounding import TINY
 from trueup.samples import between
 
 _NOISY = 0.1  # share of accelerations that noise may be
-_NEAR = 25
-"""Frequencies of a spectrum that are averaged to tell motion from noise."""
 
 
 def natural_cutoff(logs: Sequence[Log]) -> float:
@@ -59,7 +58,7 @@ def _speed_power(log: Log) -> tuple[Array, Array, Array]:
     noise = np.median(power[high] / differences[high], axis=0) / np.log(2.0)  # of white noise: power is exponential
     expected = noise * differences
     # Noise scatters about what is expected: single frequencies say little, the mean of many does.
-    count = min(_NEAR, len(power))
+    count = min(FEWEST, len(power))
     near = np.stack([np.convolve(p, np.full(count, 1.0 / count), mode="same") for p in power.T], axis=1)
     moving = np.where(near > 2.0 * expected, np.maximum(power - expected, 0.0), 0.0)
     return frequency, moving, expected

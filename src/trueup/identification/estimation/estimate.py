@@ -12,13 +12,11 @@ from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
 from trueup.identification.rows import Rows
-from trueup.noise import UNUSUAL, spread
+from trueup.noise import spread
 from trueup.rounding import NEGLIGIBLE, TINY
 
 _HUBER = 1.345
 """Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""
-_OUTLIERS = 0.01
-"""Share of a sound log's errors that may be unusual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +31,6 @@ class Estimate:
     """(n,) standard deviation of the torque error of each joint on the training data."""
     weights: Array
     """(n,) of the joints."""
-    robust: bool
-    """Whether outliers were weighed down."""
 
     @property
     def deviations(self) -> Array:
@@ -44,13 +40,13 @@ class Estimate:
 
 def least_squares(
     rows: Sequence[Rows], active: Sequence[int] | Integers, weights: Array | None = None, *, prior: Array | None = None,
-    strength: float = RIDGE, robust: bool | None = False,
+    strength: float = RIDGE, robust: bool = False,
 ) -> Estimate:  # fmt: skip
     """The fit of some columns; ordinary where `weights` (n,) are not given.
 
     `prior` (p,) and `strength` draw what the data cannot tell of bodies towards a value. `robust` weighs errors beyond 1.345
-    standard deviations down (iteratively reweighted, Huber), None decides by the share of outliers. Raises
-    IdentificationError where there are fewer samples than parameters.
+    standard deviations down (iteratively reweighted, Huber). Raises IdentificationError where there are fewer samples than
+    parameters.
     """
     act = np.asarray(active, dtype=np.int64)
     n, count = len(rows[0].values), sum(r.length for r in rows)
@@ -60,14 +56,14 @@ def least_squares(
     start = np.zeros(rows[0].p) if prior is None else prior
     parameters, normal = _solved(rows, act, joint_weights, start, strength, None)
     doubt = None
-    if robust or (robust is None and _has_outliers(rows, parameters)):
+    if robust:
         for _ in range(8):
             doubt = [_huber(r.torque - r.predict(parameters)) for r in rows]
             parameters, normal = _solved(rows, act, joint_weights, start, strength, doubt)
     errors = [r.torque - r.predict(parameters) for r in rows]
     noise = np.sqrt(sum(np.sum(e**2, axis=0) for e in errors) / count)
     covariance = _sandwich(rows, act, joint_weights, errors, doubt, normal)
-    return Estimate(parameters, covariance, act, noise, joint_weights, doubt is not None)
+    return Estimate(parameters, covariance, act, noise, joint_weights)
 
 
 def weighted_least_squares(
@@ -157,11 +153,6 @@ def _spread(errors: Array) -> Array:
 
 def _huber(errors: Array) -> Array:
     return np.minimum(1.0, _HUBER * _spread(errors) / np.maximum(np.abs(errors), TINY))
-
-
-def _has_outliers(rows: Sequence[Rows], parameters: Array) -> bool:
-    errors = np.concatenate([r.torque - r.predict(parameters) for r in rows])
-    return bool(np.mean(np.abs(errors) > UNUSUAL * _spread(errors)) > _OUTLIERS)
 
 
 def _sandwich(

@@ -70,8 +70,8 @@ class Options:
     """Share of each recording, at its end, that is not fitted."""
     structure: str = "select"
     """'select', 'paper' or 'common', see pool.select_structure."""
-    robust: bool | None = None
-    """Whether to weigh outliers down; None decides by their share."""
+    robust: bool = True
+    """Whether to weigh outliers down."""
     consistent: bool = True
     gains: bool = False
     """Whether each joint may have a scale of its own where logs hold torque in N m; where they do not, it may anyway."""
@@ -167,10 +167,10 @@ def _estimated(
     """
     active, parts = np.flatnonzero(choice.active), fitted_rows(pieces)
 
-    def fit(prior: Array, strength: float, robust: bool | None) -> Estimate:
-        return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=robust)
+    def fit(prior: Array, strength: float) -> Estimate:
+        return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=wanted.robust)
 
-    free = fit(pool.prior(nominal), choice.strength, wanted.robust)
+    free = fit(pool.prior(nominal), choice.strength)
     if not wanted.consistent:
         return free, None, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
@@ -189,7 +189,7 @@ def _estimated(
         return of, of.scale * [pool.prior(fold.parameters) for fold in (bodies.without(of) if k else bodies.folds)]
 
     choice = select_pull(judged, choice)
-    near = fit(pool.prior(bodies.fit.parameters), choice.strength, free.robust)
+    near = fit(pool.prior(bodies.fit.parameters), choice.strength)
     # Deviations: what the logs tell by themselves.
     return replace(near, covariance=free.covariance), bodies, written, choice
 

@@ -70,7 +70,7 @@ def outcome(
         warnings=(
             *warnings, *_unsure(balance, parameters), *_warnings(predictions, alignment), *_thin(predictions, parameters),
         ),
-        notes=_notes(tree, estimate, bodies, predictions),
+        notes=_notes(tree, bodies, predictions),
         seconds=time.perf_counter() - started,
     )  # fmt: skip
     return made if all(unit.startswith("N") for unit in units) else _unweighed(made)
@@ -202,9 +202,7 @@ def unlike(fitted: Sequence[Prediction], held: Sequence[Prediction]) -> str:
     return max(found)[1] if found else ""
 
 
-def _notes(
-    tree: KinematicTree, estimate: Estimate, bodies: ConsistentFit | None, predictions: Sequence[Prediction]
-) -> tuple[str, ...]:
+def _notes(tree: KinematicTree, bodies: ConsistentFit | None, predictions: Sequence[Prediction]) -> tuple[str, ...]:
     said = list(tree.notes)
     filed = {j: np.asarray(row) for j, row in enumerate(tree.inertial) if np.isfinite(row).all()}
     wrong = [f"{tree.links[j]} ({why})" for j, row in filed.items() if (why := violation(row))]
@@ -214,8 +212,6 @@ def _notes(
         )
     if not np.isfinite(tree.inertial).all():
         said.append("the model file gives no inertia for some links: bodies of 1 kg stand for what torque cannot tell")
-    if estimate.robust:
-        said.append("the logs have outliers; they were weighed down (Huber)")
     if bodies is not None:
         said += [_lag(tree, bodies)] if bodies.lagging else []
         judged = [p for p in predictions if p.held_out] or list(predictions)

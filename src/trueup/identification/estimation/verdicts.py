@@ -16,12 +16,10 @@ from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.result import Parameter
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
-from trueup.samples import rms
+from trueup.samples import SLIGHT, rms
 
 SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""
-_SMALL = 0.02
-"""Of the torque that a joint carries: a parameter that adds less is of no consequence in these motions."""
 _SHARED = ("saturating", "hysteresis", "quadratic", "root", "asymmetric", "offset", "spring", *SPRINGS["strut"])
 """Effects that were kept because they predict, of which one may stand for another."""
 
@@ -82,7 +80,7 @@ def _verdict(value: float, deviation: float, share: float, kind: str) -> str:
     relative = deviation / abs(value) if value else np.inf
     if relative <= SURE:
         return "identified"
-    if (abs(value) + 2.0 * deviation) * share < _SMALL:
+    if (abs(value) + 2.0 * deviation) * share < SLIGHT:  # of the torque that its joint carries in these motions
         return "small"
     return "roughly" if relative <= ROUGH else "shared" if kind in _SHARED else "not seen"
 
