@@ -9,7 +9,6 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.instant import MISSING, usual_step
 from trueup.recording import Channel, Recording
-from trueup.samples import MOSTLY
 from trueup.tracking.commands import TOGETHER
 from trueup.tracking.heading import heading_of
 
@@ -48,12 +47,11 @@ def fresh(channel: Channel) -> Channel:
     begun = np.flatnonzero(np.concatenate([[True], ~same]))
     runs = np.diff(np.append(begun, len(values)))
     usual = int(np.median(runs[1:-1])) if len(runs) > 20 else 1
-    moving = runs[runs <= 4 * max(usual, 2)]
-    if not len(moving) or np.mean(moving == 1) > MOSTLY:
+    if usual < 2:  # the rows are no more frequent than the sensor
         return channel
     missing = np.concatenate([[0.0], np.diff(channel.time)])[begun] > MISSING * usual_step(channel.time)
     starts = begun + usual * missing
-    kept = np.concatenate([np.arange(a, b, max(usual, 1)) for a, b in zip(starts, begun + runs, strict=True)])
+    kept = np.concatenate([np.arange(a, b, usual) for a, b in zip(starts, begun + runs, strict=True)])
     return channel.replace(time=channel.time[kept], values=values[kept])
 
 
