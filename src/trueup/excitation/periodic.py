@@ -22,8 +22,6 @@ from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.rounding import ROUNDED, TINY
 
-_ASIDE = 0.9
-
 
 class MotionClass(Protocol):
     """What a search of excitations needs to know of a class of motions; `ViaPoints` of the planner is one too."""
@@ -136,7 +134,7 @@ class Fourier:
         b = c[..., H:] - (c[..., H:] @ k)[..., None] * k / (k @ k)
         c = np.concatenate([a, b], axis=-1)
         middle, half = self.limits.middle, self.limits.half
-        aside = _ASIDE * (2.0 * each[..., -1] - 1.0)
+        aside = 2.0 * each[..., -1] - 1.0
         # The squares keep both the place and the room around it smooth, and within the range together.
         scale = self._scale(c, half * (1.0 - aside**2)) * (self.least + (1.0 - self.least) * each[..., -2])
         c = c * scale[..., None]
