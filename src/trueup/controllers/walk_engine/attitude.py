@@ -11,8 +11,6 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.errors import unknown_name
-from trueup.evidence import HALVED
-from trueup.units import GRAVITY
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,7 @@ class Complementary:
         turning, felt_by_it = observation.sensors[self._gyro], observation.sensors[self._accelerometer]
         rates = (turning if gyro is None else turning @ gyro.T)[:, :2]
         ax, ay, az = felt_by_it.T if accelerometer is None else accelerometer @ felt_by_it.T
-        felt = ax * ax + ay * ay + az * az > (HALVED * GRAVITY) ** 2  # less says more of falling than of where down is
+        felt = ax * ax + ay * ay + az * az > 0.0
         shown = np.where(felt[:, None], np.stack([np.arctan2(ay, az), np.arctan2(-ax, np.hypot(ay, az))], axis=1), 0.0)
         self._rates = self._rates + period / (self._smooth + period) * (rates - self._rates)
         turned = self._angles + period * rates
