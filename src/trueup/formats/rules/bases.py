@@ -15,12 +15,12 @@ from trueup.samples import is_unit
 from trueup.units import hardly_radians, to_si
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
-_PLACES = ("x", "y", "z")
-_QUATERNION = ("w", "x", "y", "z")
-_ANGLES = ("roll", "pitch", "yaw")
-_COMPONENTS = {f"{letter}{axis}": axis for letter in "pt" for axis in _PLACES}
+PLACES = ("x", "y", "z")
+QUATERNION = ("w", "x", "y", "z")
+ANGLES = ("roll", "pitch", "yaw")
+_COMPONENTS = {f"{letter}{axis}": axis for letter in "pt" for axis in PLACES}
 """px, py, pz and tx, ty, tz: a place or a translation, each number by itself."""
-_BARE = frozenset([*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION)])
+_BARE = frozenset([*PLACES, *ANGLES, *(f"q{c}" for c in QUATERNION)])
 """Columns that are named by their component alone."""
 _LEANS = 0.4
 """rad that a robot on feet or wheels leans by: most fall further on. Headings so near to straight back are not told."""
@@ -42,6 +42,13 @@ RULES = (
             Example(_JOINT + "mocap_px,mocap_py,mocap_pz,mocap_qw,mocap_qx,mocap_qy,mocap_qz",
                     "0 .1 .1 1 2 .5 1 0 0 0|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 1 0 0 0",
                     "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
+            Example(_JOINT + "mc_x_mm,mc_y_mm,mc_z_mm,mc_qw,mc_qx,mc_qy,mc_qz",
+                    "0 .1 .1 9 2 5 1 0 0 0|.1 .2 .1 9 2 5 .8 .6 0 0|.2 .1 .2 9 2 5 1 0 0 0",
+                    "position[rad] hip; base_position[mm] x y z; base_orientation[] w x y z"),
+            # Of two things nothing tells which is the robot.
+            Example(_JOINT + "a_x,a_y,a_z,a_qw,a_qx,a_qy,a_qz,b_x,b_y,b_z,b_qw,b_qx,b_qy,b_qz",
+                    "0 .1 .1 9 2 5 1 0 0 0 9 2 5 1 0 0 0|.1 .2 .1 9 2 5 .8 .6 0 0 9 2 5 .8 .6 0 0|"
+                    ".2 .1 .2 9 2 5 1 0 0 0 9 2 5 1 0 0 0", "position[rad] hip"),
             Example(_JOINT + "vicon_x,vicon_y,vicon_z,vicon_roll,vicon_pitch,vicon_yaw",
                     "0 .1 .1 900 200 500 0 0 0|.1 .2 .1 900 200 500 .1 0 0|.2 .1 .2 900 210 500 0 0 0",
                     "base_position[mm] x y z; base_orientation[rad] roll pitch yaw"),
@@ -94,31 +101,8 @@ OTHERS = TOOLS | listed(
     "imu command commanded cmd desired des target goal ref reference foot feet hand camera velocity vel twist "
     "linear angular lin acc accel acceleration speed gyro omega v"
 )
-
-
-INERTIAL = listed("imu gyro gyroscope gyr accel accelerometer acc omega")
-"""Words for what an inertial unit measures."""
-_ALONG = INERTIAL | listed("ang angular lin linear gravity")
-"""And for what else is along three axes."""
 TURNS = listed("quat quaternion orientation ori rotation rot attitude") | EULER
 """Words for how something is turned."""
-
-
-def sensor_labels(group: Sequence[Column]) -> tuple[str, ...]:
-    """Labels of what an inertial unit measures, in a list or in columns that are numbered: x, y, z of three numbers, or roll,
-    pitch, yaw, and w, x, y, z of a quaternion; () for anything else.
-    """
-    plain, width = {word for c in group for word in c.parts.words}, sum(c.width for c in group)
-    if not plain & (_ALONG | TURNS) or (len(group) > 1 and not all(_numbered(c) for c in group)):
-        return ()
-    if width == len(_PLACES):
-        return _ANGLES if plain & EULER else _PLACES if plain & _ALONG else ()
-    values = np.hstack([c.values if c.values.ndim > 1 else c.values[:, None] for c in group])
-    return tuple(_order(group)) if width == len(_QUATERNION) and is_unit(values) else ()
-
-
-def _numbered(column: Column) -> bool:
-    return column.width == 1 and (column.parts.bare or [""])[-1].isdigit()
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,30 +144,50 @@ def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
     """The pose of a base in groups of columns, by name; without channels where there is none.
 
     Taken are x, y, z, quaternions and roll, pitch, yaw of a base, trunk or motion capture, in columns or lists, from the
-    best source that has a whole pose; nothing where a number is not there, stands there twice, or cannot be one.
+    best source that has a whole pose, or from the only thing of any name that has a quaternion beside its place; nothing
+    where a number is not there, stands there twice, or cannot be one.
     """
     every = [part for name, group in groups.items() if _may_be(name) for part in _parts(name, group)]
     wholes = [_whole_pose([p for p in every if _source(p.group) == k]) for k in range(len(SOURCES) + 1)]
     notes: list[str] = []
-    for places, turn in (w for w in [*wholes, _whole_pose(every)] if w is not None):
-        labels = _QUATERNION if turn[0].component == "qw" else _ANGLES
+    for places, turn in (w for w in [*wholes, _whole_pose(every), _unnamed(groups)] if w is not None):
+        labels = QUATERNION if turn[0].component == "qw" else ANGLES
         values = np.stack([_numbers(groups, part) for part in turn], axis=1)
         used = frozenset(part.group for part in (*places, *turn))
-        if labels == _QUATERNION and not is_unit(values[np.isfinite(values).all(axis=1)]):
+        if labels == QUATERNION and not is_unit(values[np.isfinite(values).all(axis=1)]):
             notes.append(
                 f"{', '.join(sorted(used))}: no pose of a base, as the quaternion's length is not 1: is it one?"
             )
             continue
-        found = {POSITION: _found(groups, places, _PLACES), ORIENTATION: _found(groups, turn, labels)}
+        found = {POSITION: _found(groups, places, PLACES), ORIENTATION: _found(groups, turn, labels)}
         notes += [f"{n}: taken as {f.unit}; say so if it is anything else" for n, f in found.items() if not f.said]
         return Pose(found, used, tuple(dict.fromkeys(notes)))
     return Pose({}, frozenset(), tuple(dict.fromkeys(notes or _half(every))))
 
 
+def quaternions(columns: Sequence[Column]) -> frozenset[str]:
+    """Words, joined, of whatever has a quaternion in columns of its own (mc of mc_qw, mc_qx, mc_qy, mc_qz)."""
+    found = dict[str, dict[str, Column]]()
+    for column in columns:
+        *head, last = words(column.name) or [""]
+        if column.width == 1 and last[:1] == "q" and last[1:] in QUATERNION and head and not OTHERS & set(head):
+            found.setdefault(" ".join(head), {})[last[1:]] = column
+    wholes = {name: np.stack([each[c].values.ravel() for c in QUATERNION], axis=1)
+              for name, each in found.items() if len(each) == len(QUATERNION)}  # fmt: skip
+    return frozenset(name for name, turns in wholes.items() if is_unit(turns[np.isfinite(turns).all(axis=1)]))
+
+
+def _unnamed(groups: Mapping[str, Sequence[Column]]) -> tuple[list[_Part], list[_Part]] | None:
+    """The pose of the only thing that has a quaternion beside its place, whatever it is called."""
+    named = quaternions([c for group in groups.values() for c in group])
+    of_things = [_whole_pose(_parts(n, group)) for n, group in groups.items() if " ".join(words(n)) in named]
+    return of_things[0] if len(of_things) == 1 else None
+
+
 def _half(parts: Sequence[_Part]) -> list[str]:
     """What to say of a place of a base whose orientation is not there."""
     sources = [[p for p in parts if p.group not in _BARE and _source(p.group) == k] for k in range(len(SOURCES))]
-    places = next(filter(None, (_whole(each, _PLACES) for each in sources)), None)
+    places = next(filter(None, (_whole(each, PLACES) for each in sources)), None)
     if places is None:
         return []
     groups = ", ".join(sorted({part.group for part in places}))
@@ -199,8 +203,8 @@ def _numbers(groups: Mapping[str, Sequence[Column]], part: _Part) -> Array:
 
 def _whole_pose(parts: Sequence[_Part]) -> tuple[list[_Part], list[_Part]] | None:
     """Position, and quaternion or angles, if these parts are a whole pose."""
-    places = _whole(parts, _PLACES)
-    turn = _whole(parts, tuple(f"q{c}" for c in _QUATERNION)) or _whole(parts, _ANGLES)
+    places = _whole(parts, PLACES)
+    turn = _whole(parts, tuple(f"q{c}" for c in QUATERNION)) or _whole(parts, ANGLES)
     return (places, turn) if places and turn else None
 
 
@@ -227,20 +231,20 @@ def _parts(name: str, group: Sequence[Column]) -> list[_Part]:
     ends = [(column.parts.bare or [""])[-1] for column in group] if all(c.width == 1 for c in group) else ["0"] * count
     numbered = all(end.isdigit() for end in ends)
     if numbered and count == 3:
-        ends = list(_ANGLES if plain & EULER else _PLACES)
+        ends = list(ANGLES if plain & EULER else PLACES)
     elif numbered and count == 4:
-        ends = [f"q{c}" for c in _order(group)]
+        ends = [f"q{c}" for c in order(group)]
     elif numbered and count == len(group) == 7:  # a mapping cannot take a list in pieces
-        ends = [*_PLACES, *(f"q{c}" for c in _QUATERNION)]
-    if set(ends) == set(_QUATERNION):  # no place has a w
+        ends = [*PLACES, *(f"q{c}" for c in QUATERNION)]
+    if set(ends) == set(QUATERNION):  # no place has a w
         ends = [f"q{end}" for end in ends]
     elif plain & EULER and len(ends) == 3:
-        ends = [next((angle for angle in _ANGLES if angle[0] == end), end) for end in ends]
+        ends = [next((angle for angle in ANGLES if angle[0] == end), end) for end in ends]
     ends = [_COMPONENTS.get(end, end) for end in ends]
     return [_Part(name, i, end) for i, end in enumerate(ends)] if _BARE.issuperset(ends) else []
 
 
-def _order(group: Sequence[Column]) -> str:
+def order(group: Sequence[Column]) -> str:
     """Whether the real part of four numbers stands first or last: a robot mostly stands upright, wherever it heads. Where
     both would have it so, as with (0, 0, 0, 1), it heads ahead rather than back: the real part is the larger.
     """
@@ -266,10 +270,10 @@ def _found(groups: Mapping[str, Sequence[Column]], parts: Sequence[_Part], label
 
 def _unit(columns: Sequence[Column], labels: set[str]) -> tuple[str, bool]:
     """The unit of these columns, and whether the log says it."""
-    if labels == set(_QUATERNION):
+    if labels == set(QUATERNION):
         return "", True
     said = columns[0].declared or columns[0].parts.tail
-    si = "m" if labels == set(_PLACES) else "rad"
+    si = "m" if labels == set(PLACES) else "rad"
     if said and to_si(said)[0] == si:
         return said, True
     largest = max(column.largest for column in columns)

@@ -10,8 +10,9 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules import joints
-from trueup.formats.rules.bases import INERTIAL, SOURCES, of_place, sensor_labels
+from trueup.formats.rules.bases import SOURCES, of_place, quaternions
 from trueup.formats.rules.families import Named
+from trueup.formats.rules.inertial import INERTIAL, sensor_labels
 from trueup.formats.rules.names import AXES, TOOLS, taken_apart, words
 from trueup.formats.rules.proposal import Proposal, own, threes
 from trueup.formats.rules.rule import Column, Example
@@ -188,8 +189,9 @@ def _along(label: str) -> tuple[tuple[str, ...], frozenset[str]]:
 
 
 def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints; three
-    numbers, in a list or numbered, are one, or the base's speeds, where others are of joints.
+    """Positions along x, y and z of one base, trunk or tracked body, or of whatever has a quaternion beside them, are a
+    place, where nothing drives them as joints; three numbers, in a list or numbered, are one, or the base's speeds, where
+    others are of joints.
     """
     driven = {p.label for p in proposals if p.role.startswith("command") or p.role in ("torque", "current")}
     lists = [row for row in threes(proposals, _MEASURED_OF_JOINTS) if _of_a_base(row[0])]
@@ -202,7 +204,8 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
         plain = words(p.label)
         if p.role == "position" and p.label not in driven and plain and plain[-1] in _PLACES:
             found.setdefault(" ".join(plain[:-1]), set()).add(plain[-1])
-    places = {name for name, along in found.items() if len(along) == 3 and of_place([name])}
+    turned = quaternions([p.column for p in proposals])
+    places = {name for name, along in found.items() if len(along) == 3 and (name in turned or of_place([name]))}
 
     def placed(p: Proposal) -> bool:
         return p.role == "position" and " ".join(words(p.label)[:-1]) in places and p.label not in driven

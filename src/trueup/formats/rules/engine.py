@@ -26,6 +26,7 @@ from trueup.formats.rules.coherence import (
 from trueup.formats.rules.context import in_context
 from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
+from trueup.formats.rules.inertial import sensor_labels
 from trueup.formats.rules.lists import in_parts, without_other_lists
 from trueup.formats.rules.names import axes, stem, taken_apart, words
 from trueup.formats.rules.proposal import Proposal, own, own_words
@@ -225,7 +226,7 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if width > 1:
         return tuple(f"joint_{i + 1}" for i in range(width))
     total, first = _weight(group), group[0].column
-    of_sensor = () if group[0].role else bases.sensor_labels([member.column for member in group])
+    of_sensor = () if group[0].role else sensor_labels([member.column for member in group])
     if of_sensor:
         return of_sensor
     if all(member.column.width == 1 for member in group):
