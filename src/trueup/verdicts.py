@@ -11,6 +11,9 @@ from trueup.samples import MOST
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
 
+ROUGH = frozenset(["weak", "not identified", "no effect"])
+"""Words for what is known roughly or not at all, whatever its value."""
+
 
 @dataclass(frozen=True)
 class Verdict:

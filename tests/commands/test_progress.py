@@ -9,6 +9,8 @@ from dataclasses import replace
 from rich.console import Console
 
 from trueup.calibration import TracePoint
+from trueup.campaign.events import Calibrated
+from trueup.commands.campaign_view import calibration_words
 from trueup.commands.progress import Watcher
 from trueup.loop.descent import Watch
 
@@ -57,3 +59,12 @@ def test_what_is_simulated_between_two_points_of_a_search_shows_that_it_goes_on(
     said = [line.split(", ")[1] for line in shown.getvalue().splitlines()]
     assert said == ["8 simulations", "300 simulations", "999 simulations"]
     assert len(search.trace) == 1
+
+
+def test_a_campaign_shows_the_ends_of_what_is_known_and_names_what_is_not() -> None:
+    event = Calibrated(
+        1, ("elbow.kp", "elbow.kv", "delay"), ("N m/rad", "N m s/rad", "s"), (40.0, 0.44, 0.02), (True, True, False),
+        (38.5, 0.01, float("nan")), (41.0, 2.4, float("nan")), ("identified", "weak", "frozen"), (), 12.0, 3.0, "mrad",
+        ("drive",),
+    )  # fmt: skip
+    assert calibration_words(event)[1:] == ["elbow.kp 40 [38.5, 41] N m/rad", "known roughly or not at all: elbow.kv"]

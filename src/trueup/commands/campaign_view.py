@@ -35,6 +35,7 @@ from trueup.commands.progress import Watcher
 from trueup.errors import TrialError, counted, listed
 from trueup.report.numbers import duration_text
 from trueup.report.report import write_report
+from trueup.verdicts import ROUGH
 
 Unknown = Literal["ask", "repeat", "leave"]
 
@@ -239,18 +240,18 @@ class CampaignView:
 
 
 def calibration_words(event: Calibrated) -> list[str]:
-    """What a calibration found, in two lines: the replay error, and the parameters with their intervals."""
+    """What a calibration found, a line each: the replay error, the parameters with their intervals, and what is not known."""
+    rows = zip(event.names, event.values, event.low, event.high, event.units, event.fitted, event.verdicts, strict=True)
+    fitted = [(row, word not in ROUGH) for *row, asked, word in rows if asked]
     found = [
-        f"{n} {v:.4g} ± {0.5 * (h - lo):.2g} {u if u != '1' else ''}".rstrip()
-        for n, v, lo, h, u, fitted in zip(
-            event.names, event.values, event.low, event.high, event.units, event.fitted, strict=True
-        )
-        if fitted
+        f"{n} {v:.4g} [{lo:.4g}, {h:.4g}] {u if u != '1' else ''}".rstrip() for (n, v, lo, h, u), sure in fitted if sure
     ]
+    rough = [name for (name, *_), sure in fitted if not sure]
     return [
         f"replay error {event.error_before:.4g} -> {event.error_after:.4g} {event.unit} "
         f"on {counted(len(event.recordings), 'recording')}",
-        listed(found),
+        *([listed(found)] if found else []),
+        *([f"known roughly or not at all: {listed(rough)}"] if rough else []),
     ]
 
 
