@@ -18,9 +18,8 @@ _CLOCK = re.compile(
     r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,]\d+)?)"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?"
 )
-_ORDERS = {"day": (2, 1, 0), "month": (2, 0, 1)}
-"""What comes first where the year comes last -> where year, month and day stand."""
-_HALF = 12  # h
+_ORDERS = {"day": "dmy", "month": "mdy"}
+"""What comes first where the year comes last -> the order of day, month and year."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def _of_day(match: re.Match[str]) -> float:
     """Seconds since midnight."""
     hours = int(match["hours"])
     if match["half"]:
-        hours = hours % _HALF + (_HALF if match["half"] in "Pp" else 0)
+        hours = hours % 12 + (12 if match["half"] in "Pp" else 0)
     return hours * size_of("h") + int(match["minutes"]) * size_of("min") + float(match["seconds"].replace(",", "."))
 
 
@@ -69,7 +68,10 @@ def _days(dates: Iterable[str]) -> tuple[dict[str, int], str] | None:
     split = {d: [int(part) for part in re.split(r"[-/.]", d)] for d in dates}
     readings = {}
     for first, order in _ORDERS.items():
-        read = {d: _since_1970(parts if parts[0] > 31 else [parts[k] for k in order]) for d, parts in split.items()}
+        read = {
+            d: _since_1970(parts if parts[0] > 31 else [parts[order.index(c)] for c in "ymd"])
+            for d, parts in split.items()
+        }
         days = {d: number for d, number in read.items() if number is not None}
         if len(days) == len(split):
             readings[first] = days

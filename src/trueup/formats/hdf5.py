@@ -19,8 +19,6 @@ from trueup.formats.table import Table
 from trueup.formats.tree import Leaf, Tree, runs
 
 _UNITS, _NAMES = ("unit", "units"), ("names", "labels", "columns", "joint_names", "joints")
-_AXES = 2
-"""More of them, as pictures have, are no signals: they are not loaded."""
 
 
 def read(path: Path) -> list[tuple[str, list[Table]]]:
@@ -60,7 +58,8 @@ def _plain(value: Any) -> bool:
 
 def _leaf(entry: Any) -> Leaf | None:
     """Numbers with at most two axes that are longer than one, or texts."""
-    if len([n for n in entry.shape if n > 1]) > _AXES or not entry.size:
+    # Pictures have more axes: they are no signals, and not loaded.
+    if len([n for n in entry.shape if n > 1]) > 2 or not entry.size:
         return None
     said = entry.attrs.get("MATLAB_class", b"")
     if said == b"char":

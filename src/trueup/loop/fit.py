@@ -79,7 +79,8 @@ _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _WEIGHING = Stage("weighing", weighing)
-_AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
+_PROBING = Stage("probe", probing)
+_AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering), _PROBING)
 
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
@@ -93,7 +94,7 @@ _FIRST_LOOKS = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP)
 _LAST_LOOKS = (_SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
 DESCENT = (*_FIRST_LOOKS, *_LAST_LOOKS)
 """Nothing but where slopes lead."""
-REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _WEIGHING, _AROUND[-1])
+REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _WEIGHING, _PROBING)
 """From an earlier fit of most of the recordings."""
 SHIPPED = (Stage("as it came", as_it_came),)
 """Nothing is searched."""

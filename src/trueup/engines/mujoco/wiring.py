@@ -24,7 +24,6 @@ from trueup.trial import Trial
 JOINT_CHANNELS = {"position": "qpos", "velocity": "qvel", "torque": "qfrc_actuator"}
 """Channels whose labels are joints, and the field that holds them."""
 _SETTLES = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-_AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2, "3": 3, "w": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +95,19 @@ def _joint(model: Model, compiled: mujoco.MjModel, channel: str, label: str) -> 
 
 
 def _sensor_column(compiled: mujoco.MjModel, label: str) -> int | None:
-    """A sensor's value by 'name' (one number) or 'name.x', 'name_x', 'name[0]'."""
+    """A sensor's value by 'name' (one number) or 'name.x', 'name_x', 'name[0]'; a quaternion's are w, x, y, z."""
     found = mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_SENSOR, label)
     if found >= 0:
         return int(compiled.sensor_adr[found]) if compiled.sensor_dim[found] == 1 else None
     for separator in (".", "_", "["):
         name, _, axis = label.rstrip("]").rpartition(separator)
         found = mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_SENSOR, name) if name else -1
-        if found >= 0 and axis in _AXES and _AXES[axis] < compiled.sensor_dim[found]:
-            return int(compiled.sensor_adr[found]) + _AXES[axis]
+        if found >= 0 and axis:
+            width = int(compiled.sensor_dim[found])
+            names = (*("wxyz" if width == len("wxyz") else "xyz"),)
+            place = int(axis) if axis.isdecimal() else names.index(axis) if axis in names else width
+            if place < width:
+                return int(compiled.sensor_adr[found]) + place
     return None
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, product, quaternion_of, up_of
@@ -24,9 +25,6 @@ from trueup.recording import Recording
 from trueup.samples import MOSTLY
 from trueup.trial import LOOK
 from trueup.units import GRAVITY
-
-_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""From a frame whose y points up to one whose z does: x, -z, y."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,10 +176,12 @@ def _z_up(recording: Recording) -> Recording:
     """A recording whose frame's y points up, in one whose z does."""
     recording = in_angles(recording)
     place, turn = recording.channel(POSITION), recording.channel(ORIENTATION)
-    by = np.zeros(4)
-    mujoco.mju_mat2Quat(by, _Y_UP.ravel())
+    upright = Rotation.from_euler("x", 90, degrees=True)  # x, -z, y
+    by = np.roll(upright.as_quat(), 1)
     turned = product(np.tile(by, (len(turn.time), 1)), quaternion_of(turn.values))
-    recording = recording.with_channel(place.replace(labels=AXES, values=place.select(AXES).values @ _Y_UP.T))
+    recording = recording.with_channel(
+        place.replace(labels=AXES, values=place.select(AXES).values @ upright.as_matrix().T)
+    )
     return in_angles(recording.with_channel(turn.replace(labels=("w", "x", "y", "z"), unit="", values=turned)))
 
 

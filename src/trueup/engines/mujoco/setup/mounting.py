@@ -18,12 +18,6 @@ from trueup.inspection.sensors import sensed
 from trueup.instant import HARDLY
 from trueup.recording import Channel, Recording
 
-_OTHERWISE = (
-    ("x, y, z, w", np.array([3, 0, 1, 2]), np.ones(4)),
-    ("the inverse (from the world's frame to the base's)", np.arange(4), np.array([1.0, -1.0, -1.0, -1.0])),
-)
-"""How a quaternion that is called w, x, y, z may have been meant: which number is which, and their signs."""
-
 
 def mounted_otherwise(model: Model, recordings: Sequence[Recording]) -> list[str]:
     """Sentences on gyros of the base that turn otherwise than its orientation says, given where the model has them; of each
@@ -57,8 +51,8 @@ def _doubt(gyro: Channel, sensor: str, pose: Channel, site: Array) -> str:
         return ""
     ways = [
         f"'{ORIENTATION}' is {meant}, and not w, x, y, z of the base in the world"
-        for meant, order, signs in _OTHERWISE
-        if (other := together(gyro, pose.replace(values=signs * pose.values[:, order]))) is not None
+        for meant, values in _otherwise(pose.values)
+        if (other := together(gyro, pose.replace(values=values))) is not None
         and other.fits > CORRELATED and not (other.is_mirrored and other.shares[2] >= HARDLY)
         and _alike(_beside(other, site)[0])
     ]  # fmt: skip
@@ -69,6 +63,15 @@ def _doubt(gyro: Channel, sensor: str, pose: Channel, site: Array) -> str:
         )
     either = " or ".join(ways) or "one of them has axes of another sense"
     return f"'{gyro.name}' turns otherwise than '{ORIENTATION}' says, as if {either}: mend the mapping, or the model"
+
+
+def _otherwise(quaternions: Array) -> tuple[tuple[str, Array], ...]:
+    """How quaternions (T, 4) that are called w, x, y, z may have been meant, and what they are then."""
+    real, imaginary = quaternions[:, :1], quaternions[:, 1:]
+    return (
+        ("x, y, z, w", np.roll(quaternions, 1, axis=1)),
+        ("the inverse (from the world's frame to the base's)", np.hstack([real, -imaginary])),
+    )
 
 
 def _beside(found: Together, site: Array) -> tuple[Array, Array]:
