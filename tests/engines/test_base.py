@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.pose import angles_of, near, product, quaternion_of, turning, up_of
+from trueup.engines.mujoco.base import check_base
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
@@ -309,3 +310,13 @@ def test_a_base_that_nobody_saw_begins_at_the_keyframe_once_and_not_in_each_wind
     (shown,) = replays(ready.simulator, np.zeros(0), list(ready.recordings), [], windows=0.5)
     assert np.sqrt(np.mean((shown.after - shown.measured) ** 2)) < 2e-3
     assert not predicted_ahead(ready.simulator, np.zeros(0), list(ready.recordings), ["position"])
+
+
+def test_a_base_that_moves_while_the_model_stands_fixed_is_said(tmp_path: Path) -> None:
+    squats, path = _squats(), tmp_path / "dog.xml"
+    path.write_text(_DOG.format(mass=4.0, kp=40.0).replace('<freejoint name="root"/>', ""))
+    (note,) = check_base(load(path), [squats])
+    way = np.max(np.ptp(squats.channel("base_position").values, axis=0))
+    assert f"'base_position' moves by {way:.3g} m in '{squats.name}', but model 'dog.xml' stands fixed" in note
+    place = squats.channel("base_position")
+    assert not check_base(load(path), [squats.with_channel(place.replace(values=np.tile(place.values[:1], (200, 1))))])

@@ -43,9 +43,11 @@ def free_joint(compiled: mujoco.MjModel) -> int:
 
 
 def check_base(model: Model, recordings: Sequence[Recording]) -> list[str]:
-    """Notes on recordings that do not say where the base was. Raises ModelError where the model does not say it either."""
+    """Notes on recordings that do not say where the base was, or whose base moves and the model's cannot. Raises ModelError
+    where the model does not say where it was either.
+    """
     if free_joint(model.compiled) < 0:
-        return []
+        return _carried(model, recordings)
     without = [r.name for r in recordings if not r.has(POSITION) or not r.has(ORIENTATION)]
     if not without:
         return []
@@ -56,6 +58,18 @@ def check_base(model: Model, recordings: Sequence[Recording]) -> list[str]:
             "the model a keyframe to start from, or leave these recordings out"
         )
     return [f"{where}: it starts as in the model's first keyframe"]
+
+
+def _carried(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """A note where a base that stands fixed in the model was moved."""
+    ways = {r.name: float(np.nanmax(np.ptp(r.channel(POSITION).values, axis=0))) for r in recordings if r.has(POSITION)}
+    furthest = max(ways, key=lambda name: ways[name], default="")
+    if not furthest or not ways[furthest] > _MOVES:
+        return []
+    return [
+        f"'{POSITION}' moves by {ways[furthest]:.3g} m in '{furthest}', but model '{model.path.name}' stands fixed: if its "
+        "base was carried or drove, what that does to the joints is not simulated, and estimates stand for it too"
+    ]
 
 
 def held(model: Model, recordings: Sequence[Recording]) -> Model:
