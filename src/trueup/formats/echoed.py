@@ -20,8 +20,8 @@ _POSE = (*(f"pose.position.{c}" for c in "xyz"), *(f"pose.orientation.{c}" for c
 _TWIST = (*(f"twist.linear.{c}" for c in "xyz"), *(f"twist.angular.{c}" for c in "xyz"))
 _COVARIANCE, _OF_THREE = ("",) * 36, ("",) * 9
 _MESSAGES = {
-    2: {"odom": (*_POSE, *_COVARIANCE, *_TWIST, *_COVARIANCE)},
-    1: {
+    ("header.frame_id", "child_frame_id"): {"odom": (*_POSE, *_COVARIANCE, *_TWIST, *_COVARIANCE)},
+    ("header.frame_id",): {
         "pose": _POSE,
         "pose_with_covariance": (*_POSE, *_COVARIANCE),
         "stamped": _TWIST,
@@ -30,7 +30,7 @@ _MESSAGES = {
         "drive": ("steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk"),
     },
 }  # fmt: skip
-"""Numbers of a message behind its stamp, by how many frames it names and by what they are called here; '' for others:
+"""Numbers of a message behind its stamp, by the frames that it names and by what they are called here; '' for others:
 nav_msgs/Odometry, geometry_msgs/PoseStamped, PoseWithCovarianceStamped and TwistStamped, sensor_msgs/Imu,
 ackermann_msgs/AckermannDriveStamped: no two of them are of one length.
 """
@@ -71,7 +71,8 @@ def with_names(table: Table) -> Table:
 
 def _of_message(table: Table, numbers: list[str], words: list[str]) -> Table | None:
     """The table of a message that is known by its length, frames and quaternion; None where it is none."""
-    for whose, parts in _MESSAGES.get(len(words), {}).items():
+    known = (message for frames, each in _MESSAGES.items() if len(frames) == len(words) for message in each.items())
+    for whose, parts in known:
         if len(parts) != len(numbers) - 2 or numbers[2] != f"column_{3 + len(words)}":
             continue
         named = {name: f"{whose}.{part}" for name, part in zip(numbers[2:], parts, strict=True) if part}

@@ -19,8 +19,6 @@ from trueup.formats.tree import Leaf, Tree
 
 _LEAST, _EACH = 20, 1e-7
 """s of processor time that a file may take, and for each of its bytes: a hundred times what sound ones take."""
-_SAID = 3
-"""Exit code of a reader that says what is wrong."""
 
 
 def guarded(reader: Callable[[Path], Tree], path: Path, what: str) -> Tree:
@@ -36,7 +34,7 @@ def guarded(reader: Callable[[Path], Tree], path: Path, what: str) -> Tree:
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
     if done.returncode:
-        said = done.stderr.decode("utf-8", "replace").strip() if done.returncode == _SAID else ""
+        said = done.stderr.decode("utf-8", "replace").strip() if done.returncode == os.EX_DATAERR else ""
         raise FormatError(f"{path}: cannot be read as {what} ({said or 'its reader crashed, so it is damaged'})")
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
         tree = Tree()
@@ -57,7 +55,7 @@ def _child(module: str, function: str, path: str) -> int:
         tree: Tree = getattr(__import__(module, fromlist=[function]), function)(Path(path))
     except Exception as error:  # damaged bytes surface as many kinds of error
         sys.stderr.write(" ".join(str(error).split())[:200] or type(error).__name__)
-        return _SAID
+        return os.EX_DATAERR
     every = list(tree.every())
     index = json.dumps([[where, leaf.unit, leaf.names] for where, leaf in every])
     arrays: Mapping[str, np.ndarray] = {str(k): leaf.values for k, (_, leaf) in enumerate(every)}

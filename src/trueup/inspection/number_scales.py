@@ -31,14 +31,18 @@ def _in_degrees(words: str, numbers: float, degrees: float, zero: float, *ends: 
     return NumberScale(words, numbers / math.radians(degrees), zero, (ends[0], ends[1]) if ends else NumberScale.ends)
 
 
-_PULSES = (PULSE_MIDDLE - 2.0 * PULSE_FULL, PULSE_MIDDLE + 2.0 * PULSE_FULL)
+def _of_pulses(us: float, degrees: float) -> NumberScale:
+    ends = PULSE_MIDDLE - 2.0 * PULSE_FULL, PULSE_MIDDLE + 2.0 * PULSE_FULL
+    return _in_degrees(f"pulses of {us:g} us in {degrees:g} degrees", us, degrees, PULSE_MIDDLE, *ends)
+
+
 _OF_ANGLES = (
     *(_in_degrees(f"{2**k} counts a turn", 2.0**k, 360.0, 2.0 ** (k - 1), 0.0, 2.0**k) for k in range(9, 21)),
     *(_in_degrees(f"{2**k} counts a turn", 2.0**k, 360.0, 0.0) for k in range(9, 21)),
     _in_degrees("1023 counts in 300 degrees, as of Dynamixel AX and XL-320", 1023.0, 300.0, 512.0, 0.0, 1023.0),
     _in_degrees("1000 counts in 240 degrees, as of LewanSoul LX servos", 1000.0, 240.0, 500.0, 0.0, 1000.0),
-    _in_degrees("pulses of 1000 us in 90 degrees", 1000.0, 90.0, PULSE_MIDDLE, *_PULSES),
-    _in_degrees("pulses of 2000 us in 270 degrees", 2000.0, 270.0, PULSE_MIDDLE, *_PULSES),
+    _of_pulses(1000.0, 90.0),
+    _of_pulses(2000.0, 270.0),
     NumberScale("mrad", numbers_of("mrad")),
     _in_degrees("turns", 1.0, 360.0, 0.0),
     _in_degrees("degrees", 1.0, 1.0, 0.0),

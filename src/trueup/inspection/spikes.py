@@ -12,13 +12,11 @@ from trueup.arrays import Array, Mask
 from trueup.inspection.diagnosis import few
 from trueup.noise import spread
 from trueup.recording import Recording
-from trueup.samples import NEIGHBOURS
+from trueup.samples import NEIGHBOURS, SLIGHT
 
 _SCATTER, _NOISE, _RANGE = 8.0, 12.0, 0.05
 """Times the neighbours' own scatter, times the usual distance from them, and share of the signal's range: only a fault
 exceeds all three."""
-_MANY = 0.02
-"""Share of samples from which on it is the signal that is so."""
 
 
 def without_lone_spikes(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -93,7 +91,7 @@ def without_spikes(values: Array) -> tuple[Array, Array]:
     spikes = np.zeros(full.shape, dtype=bool)
     jumping = np.abs(np.diff(full, axis=0)).max(axis=0) > 0.5 * least  # others have none: most logs cost nothing
     spikes[:, jumping] = _far_off(full[:, jumping], least[jumping])
-    spikes &= known & (spikes.mean(axis=0) < _MANY)
+    spikes &= known & (spikes.mean(axis=0) < SLIGHT)  # of more it is the signal that is so
     kept[spikes] = np.nan
     return kept, spikes.sum(axis=0).astype(np.float64)
 

@@ -15,13 +15,11 @@ from trueup.recording import Recording
 from trueup.samples import stretches_of
 from trueup.trial import command_of
 
-SIDES = {"lower": -1.0, "upper": 1.0}
 _NOISES, _SHARE = (
     6.0,
     0.01,
 )  # of the noise's deviation, of the joint's way: positions as near as that are the same place
 _MOVES = 5.0  # times as much the command goes on meanwhile: friction holds against little
-_VISITS = 2  # at least: what holds a joint once may be anything
 
 
 def stopped_at(recordings: Sequence[Recording], ranges: Mapping[str, tuple[float, float]]) -> Diagnosis | None:
@@ -33,7 +31,7 @@ def stopped_at(recordings: Sequence[Recording], ranges: Mapping[str, tuple[float
     """
     found = {}
     for joint, ends in ranges.items():
-        for (side, sign), end in zip(SIDES.items(), ends, strict=True):
+        for side, sign, end in zip(("lower", "upper"), (-1.0, 1.0), ends, strict=True):
             stop = _stop(recordings, joint, sign)
             if stop is not None and not abs(stop[0] - end) < stop[1]:
                 found[f"{joint} {side}"] = stop[0]
@@ -47,20 +45,21 @@ def stopped_at(recordings: Sequence[Recording], ranges: Mapping[str, tuple[float
 
 
 def _stop(recordings: Sequence[Recording], joint: str, sign: float) -> tuple[float, float] | None:
-    """Where a joint is stopped on one side and how exactly that is seen, in rad or m; None where it is not."""
+    """Where a joint is stopped on one side and how exactly that is seen, in rad or m; None where it is not. What holds a
+    joint once may be anything.
+    """
     parts = [part for r in recordings for part in (_told(r, joint),) if part is not None]
     if not parts:
         return None
     most, least = (f([sign * position for _, position, _, _ in parts]) for f in (_most, _least))
     near = max(_NOISES * max(noise for *_, noise in parts), _SHARE * (most - least))
-    visits, rests = 0, []
+    rests = []
     for time, position, command, _ in parts:
         pressed = (sign * position > most - near) & (sign * command > most + near)
         for first, last in stretches_of(pressed):
             if time[last - 1] - time[first] >= STUCK_SECONDS and float(np.ptp(command[first:last])) > _MOVES * near:
-                visits += 1
                 rests.append(position[first:last])
-    return (float(np.median(np.concatenate(rests))), near) if visits >= _VISITS else None
+    return (float(np.median(np.concatenate(rests))), near) if len(rests) > 1 else None
 
 
 def _most(signals: Sequence[Array]) -> float:

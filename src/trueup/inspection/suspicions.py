@@ -13,7 +13,7 @@ from trueup.inspection.relations import factor, nearest, rate
 from trueup.inspection.spikes import lone_spikes
 from trueup.inspection.turns import turning_on
 from trueup.recording import Channel, Recording
-from trueup.units import FURTHEST_TURN, hardly_radians
+from trueup.units import FURTHEST_TURN, hardly_radians, numbers_of, size_of
 
 _LIMITS = {
     "position": ("rad", FURTHEST_TURN, "degrees", "deg"),
@@ -27,14 +27,13 @@ _LIMITS = {
 _TURNED = "{a} has the other sign than {b}"
 _A_DEGREES, _B_DEGREES = "{a} is in degrees and {b} in radians", "{a} is in radians and {b} in degrees"
 _RATIOS = {
-    _A_DEGREES: 180.0 / math.pi,
-    _B_DEGREES: math.pi / 180.0,
-    "{a} is in revolutions per minute and {b} in radians": 60.0 / (2.0 * math.pi),
-    "{a} is in revolutions and {b} in radians": 1.0 / (2.0 * math.pi),
-    "{a} is in radians and {b} in revolutions": 2.0 * math.pi,
-    "{a} is in thousandths of the unit of {b}": 1000.0,
-    "{b} is in thousandths of the unit of {a}": 0.001,
-    _TURNED: -1.0,
+    _A_DEGREES: numbers_of("deg"),
+    _B_DEGREES: size_of("deg"),
+    "{a} is in revolutions per minute and {b} in radians": numbers_of("rpm"),
+    "{a} is in revolutions and {b} in radians": numbers_of("rev"),
+    "{a} is in radians and {b} in revolutions": size_of("rev"),
+    "{a} is in thousandths of the unit of {b}": numbers_of("permille"),
+    "{b} is in thousandths of the unit of {a}": size_of("permille"),
 }
 _VEHICLES = frozenset(
     {"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right", "left_duty", "right_duty"}
@@ -183,17 +182,17 @@ def _multiples(
     channel: Channel, position: Channel, a: str, b: str, derive: bool
 ) -> Iterator[tuple[str, str, Sequence[str]]]:
     """Whether one channel is a known multiple of the other, joint by joint: in words, which multiple, and of which joints."""
-    found: dict[str, list[str]] = {}
+    found, known = dict[str, list[str]](), {**_RATIOS, _TURNED: -1.0}
     for label in channel.labels:
         stated = (
             not derive and not channel.unit_of(label) and bool(position.unit_of(label))
         )  # numbers of who knows what
         ratio = _ratio(channel, position, label, derive) if label in position.labels and not stated else None
-        sentence = nearest(ratio, _RATIOS) if ratio is not None else ""
+        sentence = nearest(ratio, known) if ratio is not None else ""
         if sentence:
             found.setdefault(sentence, []).append(label)
     for sentence, labels in found.items():
-        of = f"{a} of {', '.join(labels)} is about {_RATIOS[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}"
+        of = f"{a} of {', '.join(labels)} is about {known[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}"
         yield of, sentence, labels
 
 

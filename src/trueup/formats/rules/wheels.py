@@ -33,9 +33,9 @@ _CORNERS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         text: (side, axle)
         for axle, ends in (("front", "f"), ("rear", "rb"))
-        for side in SIDES
+        for side, letter in zip(SIDES, "lr", strict=True)
         for end in ends
-        for text in (end + side[0], side[0] + end)
+        for text in (end + letter, letter + end)
     }
 )
 """fl, lf, rr, br and their like: side and axle; left before right where lr and rl may be either."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -22,9 +23,6 @@ from trueup.recording import Channel
 from trueup.samples import correlation
 from trueup.tracking.wheels import SIDES
 from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE
-
-_BOTH = (1.0, 1.0)
-_SIGNS = (_BOTH, (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ def commanded(
     said: tuple[str, ...] = ()
     if told is None and moved is not None:
         for pair in (p for p in found if p.kind == "speed" and not p.measured):
-            late = lateness(pair.columns[0], np.abs(_sum(pair, _BOTH)), moved, time)
+            late = lateness(pair.columns[0], np.abs(_sum(pair)), moved, time)
             if late is not None and late > 0.5 * usual_step(moved.time):
                 told = pair
                 said = (
@@ -87,11 +85,22 @@ def _names(pair: Pair) -> str:
     return " and ".join(c.name for c in pair.columns)
 
 
-def _sum(pair: Pair, sign: tuple[float, float]) -> Array:
+def _sum(pair: Pair) -> Array:
     """(T,) both wheels' numbers added up, pulses from their middle."""
-    middle = PULSE_MIDDLE if in_pulses(pair) else 0.0
-    left, right = (s * (c.values - middle) for s, c in zip(sign, pair.columns, strict=True))
+    left, right = _centred(pair)
     return left + right
+
+
+def _difference(pair: Pair) -> Array:
+    """(T,) by how much the right wheel's numbers are larger than the left one's."""
+    left, right = _centred(pair)
+    return right - left
+
+
+def _centred(pair: Pair) -> tuple[Array, Array]:
+    middle = PULSE_MIDDLE if in_pulses(pair) else 0.0
+    left, right = (c.values - middle for c in pair.columns)
+    return left, right
 
 
 def _wired(
@@ -102,27 +111,29 @@ def _wired(
     Without `forward` (a heading that points where the robot drives) two wheels that only differ in their side are not told
     apart, nor forwards from backwards. None where the names say no sides and the motion does not either.
     """
+    plain = (1.0, 1.0)
     if moved is None or turned is None:
-        return (pair, _BOTH) if pair.sided else None
+        return (pair, plain) if pair.sided else None
     if not pair.sided and (forward is None or not _as_much(pair, forward, turned, time)):
         return None
-    both, difference = _sum(pair, _BOTH), _sum(pair, (-1.0, 1.0))
+    both, difference = _sum(pair), _difference(pair)
     if forward is None:
-        plain = _together(pair, np.abs(both), moved, time) + abs(_together(pair, difference, turned, time))
+        straight = _together(pair, np.abs(both), moved, time) + abs(_together(pair, difference, turned, time))
         mirrored = _together(pair, np.abs(difference), moved, time) + abs(_together(pair, both, turned, time))
-        if mirrored < plain + ALIKE:
-            return pair, _BOTH
+        if mirrored < straight + ALIKE:
+            return pair, plain
         return pair, ((1.0, -1.0) if _together(pair, both, turned, time) < 0.0 else (-1.0, 1.0))
-    on = {s: s[1] * _together(pair, both if s[0] == s[1] else difference, forward, time) for s in _SIGNS}
-    to_the_left = {s: s[1] * _together(pair, difference if s[0] == s[1] else both, turned, time) for s in _SIGNS}
+    signs = list(product((1.0, -1.0), (1.0, -1.0)))
+    on = {s: s[1] * _together(pair, both if s[0] == s[1] else difference, forward, time) for s in signs}
+    to_the_left = {s: s[1] * _together(pair, difference if s[0] == s[1] else both, turned, time) for s in signs}
     swapped = pair.swapped
     # With the columns the other way round, the difference of both is its opposite and the signs change places.
-    scores = {(False, s): on[s] + to_the_left[s] for s in _SIGNS}
-    scores |= {(True, (s[1], s[0])): on[s] - to_the_left[s] for s in _SIGNS}
+    scores = {(False, s): on[s] + to_the_left[s] for s in signs}
+    scores |= {(True, (s[1], s[0])): on[s] - to_the_left[s] for s in signs}
     best = max(scores, key=lambda k: scores[k])
-    least = scores[False, _BOTH] if pair.sided else ALIKE
+    least = scores[False, plain] if pair.sided else ALIKE
     if scores[best] < least + ALIKE:
-        return (pair, _BOTH) if pair.sided else None
+        return (pair, plain) if pair.sided else None
     return (swapped if best[0] else pair), best[1]
 
 
@@ -163,7 +174,7 @@ def turned_round(seen: Pair, command: Pair, sign: tuple[float, float], time: Tim
         good = usable(instants, column.values) if len(instants) == len(column.values) else np.zeros(0, dtype=bool)
         known = usable(asked, told.values) if len(asked) == len(told.values) else np.zeros(0, dtype=bool)
         if min(np.count_nonzero(good), np.count_nonzero(known)) < 20:
-            return _BOTH
+            return 1.0, 1.0
         when, values = instants[good], column.values[good]
         if seen.kind == "travel":
             when, values = rate(values, when)
