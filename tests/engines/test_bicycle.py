@@ -15,7 +15,7 @@ from trueup.controllers.stanley import Stanley, StanleySettings
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.ends import Arrived, Left
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.vehicle.quantities import SPEED_DRIVEN
+from trueup.engines.vehicle.vehicle import DRIVES
 from trueup.errors import ModelError, ParameterError, RecordingError, UnknownNameError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT
@@ -241,7 +241,7 @@ def test_what_cannot_be_is_refused() -> None:
 def test_every_quantity_that_is_absent_changes_nothing() -> None:
     trial = played(0.5, 0.3 * np.sin(np.arange(401) / 30.0))
     plain = run(trial)
-    for q in SPEED_DRIVEN:
+    for q in DRIVES["speed"]:
         alone = Vehicle("one", 0.55, 0.698, {q.name: q.absent})
         (rollout,) = BicycleSimulator(alone).rollout([trial], np.zeros((1, 0)))
         np.testing.assert_array_equal(rollout.channels["position"][0], plain["position"])
@@ -252,7 +252,7 @@ def test_the_table_of_quantities_in_the_docs_is_complete() -> None:
     rows = re.findall(
         r"^\| `(\w+)` \| (\S+) \| (\S+) \.\.\. (\S+) \| ([^|]+) \|$", page.read_text("utf-8"), re.MULTILINE
     )
-    known = [(q.name, q.unit or "-", f"{q.lower:g}", f"{q.upper:g}", q.about) for q in SPEED_DRIVEN]
+    known = [(q.name, q.unit or "-", f"{q.lower:g}", f"{q.upper:g}", q.about) for q in DRIVES["speed"]]
     assert rows == known
 
 

@@ -17,7 +17,7 @@ from trueup import formats
 from trueup.calibration import Estimate
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.family import BEGUN, Vehicles, with_shares
+from trueup.engines.vehicle.family import Vehicles, lasting, with_shares
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
@@ -212,7 +212,7 @@ def test_a_car_is_also_searched_as_if_nothing_were_unexplained_and_the_better_on
     # The dynamics are the truth's: with a noisy tracker, what seems unexplained is noise that does not last, and the speed is
     # the one that the model carries on.
     assert np.array_equal(calibrated(TRUTH, 4e-3), [0.0, 0.0, 1.0])
-    assert {tuple(at) for at in begun} >= set(BEGUN)
+    assert {tuple(at) for at in begun} >= {tuple(at.values()) for at in lasting(TRUTH)}
     own = dict(zip(LASTING, (0.2, 0.3, 0.4), strict=True))
     assert np.array_equal(calibrated(replace(TRUTH, values={**HIDDEN, **own}), 5e-4), list(own.values()))
     assert {tuple(at) for at in begun} == {tuple(own.values())}
@@ -223,7 +223,7 @@ def test_a_search_ends_with_what_then_predicts_best_wherever_it_began() -> None:
         return Fitted(simulator.parameters.nominal)
 
     drives = [driven(4, 20.0, noise=4e-3)]
-    begun: list[Mapping[str, float]] = [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
+    begun = lasting(TRUTH)
     simulator = VehicleSimulator(TRUTH, TRUTH.space().freeze(LASTING, begun[0]))
     first = Fitted(simulator.parameters.nominal)
     found = with_shares(simulator, [first], drives, [], searched, begun)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.compiled import njit
 from trueup.controllers.controller import Controller, Observation
-from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
+from trueup.controllers.stanley.kernel import ARC, MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout
 from trueup.errors import ParameterError, unknown_name
@@ -257,12 +257,12 @@ def _distances(driven: Array, path: Array, ahead: float, spare: float, measure: 
             x, y = driven[row, k, 0], driven[row, k, 1]
             if not (np.isfinite(x) and np.isfinite(y)):
                 continue
-            was = memory[1]
+            was = memory[ARC]
             i, t = nearest(path, x, y, ahead, memory)
             dx = path[i, 0] + t * (path[i + 1, 0] - path[i, 0]) - x
             dy = path[i, 1] + t * (path[i + 1, 1] - path[i, 1]) - y
             d = np.sqrt(dx * dx + dy * dy)
-            gone = memory[1] - was
+            gone = memory[ARC] - was
             # Trapezes between samples; the first sample counts for what it has skipped.
             total += (
                 gone * (d if measure == 1 else d * d)
@@ -272,14 +272,14 @@ def _distances(driven: Array, path: Array, ahead: float, spare: float, measure: 
             # Once the end is reached the robot may stop a little beyond it.
             largest = max(largest, d) if gone > 0.0 else largest
             before, seen = d, True
-        missing = max(length - memory[1] - spare, 0.0)
+        missing = max(length - memory[ARC] - spare, 0.0)
         out[row, 1] = missing
         if not seen:
             out[row] = np.nan
         elif measure == 2:
             out[row, 0] = max(largest, LOST) if missing > 0.5 else largest
         else:
-            mean = (total + _beyond(missing, before, 2 - measure)) / (memory[1] + missing)
+            mean = (total + _beyond(missing, before, 2 - measure)) / (memory[ARC] + missing)
             out[row, 0] = mean if measure == 1 else np.sqrt(mean)
     return out
 

@@ -11,8 +11,8 @@ from trueup.arrays import Array
 from trueup.compiled import njit
 from trueup.paths import Path
 
-MEMORY = 3
-"""Numbers that one copy remembers: segment, arc length, speed range; all zero at the start."""
+SEGMENT, ARC, RANGE, MEMORY = range(4)
+"""What one copy remembers, and how many numbers that is: segment, arc length, speed range; all zero at the start."""
 
 
 def path_table(path: Path) -> Array:
@@ -27,10 +27,10 @@ def nearest(path: Array, x: float, y: float, ahead: float, memory: Array) -> tup
 
     `memory` holds segment and arc length, and is moved on.
     """
-    first = int(memory[0])
+    first = int(memory[SEGMENT])
     best, part, least = first, 0.0, 1e300
     for i in range(first, path.shape[0] - 1):
-        if i > first and path[i, 5] >= memory[1] + ahead:
+        if i > first and path[i, 5] >= memory[ARC] + ahead:
             break
         ax, ay = path[i, 0], path[i, 1]
         dx, dy = path[i + 1, 0] - ax, path[i + 1, 1] - ay
@@ -41,9 +41,9 @@ def nearest(path: Array, x: float, y: float, ahead: float, memory: Array) -> tup
         if apart < least:
             best, part, least = i, t, apart
     length = path[best + 1, 5] - path[best, 5]
-    part = max(part, (memory[1] - path[best, 5]) / length)
-    memory[0] = best
-    memory[1] = path[best, 5] + part * length
+    part = max(part, (memory[ARC] - path[best, 5]) / length)
+    memory[SEGMENT] = best
+    memory[ARC] = path[best, 5] + part * length
     return best, part
 
 
@@ -64,7 +64,7 @@ def stanley(
     x, y, theta = x + gone * math.cos(theta + half), y + gone * math.sin(theta + half), theta + yaw_rate * gains[6]
     fx, fy = x + settings[0] * math.cos(theta), y + settings[0] * math.sin(theta)
     i, t = nearest(path, fx, fy, settings[6], memory)
-    if memory[1] >= path[path.shape[0] - 1, 5] - 1e-3:
+    if memory[ARC] >= path[path.shape[0] - 1, 5] - 1e-3:
         return 0.0, 0.0
     heading = path[i, 2] + t * (path[i + 1, 2] - path[i, 2])
     dx = path[i, 0] + t * (path[i + 1, 0] - path[i, 0]) - fx
@@ -74,8 +74,8 @@ def stanley(
     turn -= 2.0 * math.pi * math.floor((turn + math.pi) / (2.0 * math.pi))
     up = (speed >= settings[3] + settings[5]) + (speed >= settings[4] + settings[5])
     down = (speed >= settings[3] - settings[5]) + (speed >= settings[4] - settings[5])
-    memory[2] = min(max(memory[2], up), down)
-    k = gains[int(memory[2])]
+    memory[RANGE] = min(max(memory[RANGE], up), down)
+    k = gains[int(memory[RANGE])]
     steering = gains[4] * turn + math.atan(k * left / (max(speed, 0.0) + gains[3]))
     curvature = path[i, 3] + t * (path[i + 1, 3] - path[i, 3])
     steering += gains[5] * (curvature * speed - yaw_rate)

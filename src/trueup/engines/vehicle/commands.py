@@ -25,10 +25,8 @@ from trueup.trial import Trial
 from trueup.units import AS_FAR, PULSE_FULL, PULSE_MIDDLE, are_pulses, size_of, to_si
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
-_WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {
-    "counts a second": ("", 1.0)
-}
-"""In which wheels are told a speed: the unit in SI, and the factor to it."""
+_WHEEL_UNITS = {u: u for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {"counts a second": ""}
+"""In which wheels are told a speed, as it is said: the unit."""
 _OTHER_SPEEDS = ("km/h", "mph", "cm/s", "mm/s")
 """In which logs have speeds beside m/s."""
 
@@ -48,7 +46,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     spins = max(turned_on_the_spot(r) for r in recordings) if car.drive != TURNED else 0.0
     sized = [car.pursues and all(c.unit_of(label) for c in commands) for label in COMMAND]
     if car.wheels is not None and not any((*sized, duties)) and (unit := _unit_of_wheels(car, car.wheels, recordings)):
-        way = car.wheels.way(_WHEEL_UNITS[unit][0]) * _WHEEL_UNITS[unit][1]
+        way = _way(car.wheels, unit)
         full = (1.0 / way, car.wheels.track / way)
         note = f"commands of the wheels: taken as {unit} by the way driven; say so in the mapping if they are anything else"
         return replace(car, middle=(0.0, 0.0), full=full, in_si=True), (note,)
@@ -112,10 +110,16 @@ def _unit_of_wheels(car: Vehicle, wheels: Wheels, recordings: Sequence[Recording
         past = Past.of(Trial.of(clean, ["position", "heading"]), usual_step(clean.channel("position").time), COMMAND)
         told += float(np.abs(past.commands[past.known, 0]).sum())
         driven += float(np.abs(past.seen[past.known, 3]).sum())
-    ways = {u: factor * wheels.way(si) for u, (si, factor) in _WHEEL_UNITS.items()}
+    ways = {u: _way(wheels, u) for u in _WHEEL_UNITS}
     off = {u: abs(np.log(driven / told / way)) for u, way in ways.items() if way > 0.0 and told > 0.0 < driven}
     best = min(off, key=lambda u: off[u], default="")
     return best if best and off[best] < np.log(AS_FAR) else ""
+
+
+def _way(wheels: Wheels, unit: str) -> float:
+    """m/s for one of a `unit` of wheels' speeds; 0 where that is not known."""
+    si, factor, _ = to_si(_WHEEL_UNITS[unit])
+    return factor * wheels.way(si)
 
 
 def _told_by(car: Vehicle, recordings: Sequence[Recording]) -> Vehicle:

@@ -18,12 +18,12 @@ from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.localisation import with_noise
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.noisy_starts import astray, begun_with_noise, by_both, confirmed
-from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
+from trueup.engines.vehicle.prediction import horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.remainder import errors_go_with
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.share import shared
-from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
+from trueup.engines.vehicle.vehicle import HORIZONS, PURSUED, Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ParameterError, RecordingError
 from trueup.parameters import ParameterSpace
@@ -35,11 +35,6 @@ from trueup.tracking.place import tells_place
 from trueup.tracking.wheels import tells_way
 from trueup.tracking.windows import noise_of
 from trueup.trial import Trial
-
-BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
-"""Values of `LASTING` from which a car is searched: as cars on a floor mostly are, and one that does what its model does, at
-the speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are searched
-with the first are bent to that, and to the lag of the last samples where the speed changes."""
 
 UNDERSTEER = "understeer"
 """Of cars in calm curves: it is small beside the play of a steering, and yet moves what a command of steering is worth."""
@@ -101,8 +96,8 @@ class Vehicles(Family):
     def calibrate(
         self, simulator: VehicleSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
     ) -> Calibration:
-        """Calibrated by how far predictions go astray, from each of `BEGUN` unless the file says these, and from a wheel that
-        turns slowly where a look shows one; what predicts its own drives best stays.
+        """Calibrated by how far predictions go astray, from each of `lasting` unless the file says these, and from a wheel
+        that turns slowly where a look shows one; what predicts its own drives best stays.
 
         Raises what `fit` raises, and RecordingError for drives without pose or command.
         """
@@ -170,6 +165,15 @@ class Vehicles(Family):
         return tuple((p.name, "car", 1) for p in simulator.parameters.parameters if not p.frozen)
 
 
+def lasting(car: Vehicle) -> list[Mapping[str, float]]:
+    """Values of `LASTING` from which a car is searched: as cars on a floor mostly are, and one that does what its model does,
+    at the speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are
+    searched with the first are bent to that, and to the lag of the last samples where the speed changes.
+    """
+    usual = {name: car.quantity(name).start for name in LASTING}
+    return [usual, {**dict.fromkeys(LASTING, 0.0), "speed_kept": 1.0}]
+
+
 def _searched(
     simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
 ) -> tuple[Calibration, Calibration]:
@@ -179,7 +183,7 @@ def _searched(
         len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), far, 1.0)) for d in drives
     ):
         own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
-        begun: list[Mapping[str, float]] = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
+        begun: list[Mapping[str, float]] = [own] if said else lasting(simulator.vehicle)
         spaces = [space.freeze(LASTING, {n: at[n] for n in LASTING}) for at in begun]
         search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
         starts = [simulator.with_parameters(s) for s in spaces]

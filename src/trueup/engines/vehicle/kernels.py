@@ -37,14 +37,14 @@ reciprocal) its wheels roll where they point. What else is absent is written as 
     TURNS, REAR_COMPLIANCE, SLIP_RELAXATION, VEER, POSE_LEFT, POSE_AT, STEERING_DEAD,
 ) = range(49)  # fmt: skip
 
-STATE = 15
 (
     X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, ANGLE, MOTOR, PUSH, TRIM, FRONT_SLIP, REAR_SLIP,
-) = range(STATE)  # fmt: skip
-"""Pose of the rear axle, or by throttle on tyres of the centre of mass; speed of the wheels and sideways (m/s), yaw rate
-(rad/s); steering after lag, slack and rate limit; wheel angle that the tyres have taken up (rad); throttle after lag; and
-what the vehicle showed beyond the model just before: an acceleration (m/s^2: battery, slope) and a wheel angle (rad); slip
-angles as the tyres have taken them up (rad)."""
+    STATE,
+) = range(16)  # fmt: skip
+"""Where the numbers of a state stand, and how many they are. Pose of the rear axle, or by throttle on tyres of the centre of
+mass; speed of the wheels and sideways (m/s), yaw rate (rad/s); steering after lag, slack and rate limit; wheel angle that the
+tyres have taken up (rad); throttle after lag; and what the vehicle showed beyond the model just before: an acceleration
+(m/s^2: battery, slope) and a wheel angle (rad); slip angles as the tyres have taken them up (rad)."""
 
 SLOW = 0.05
 """In m/s: tyres are treated as rolling at least so fast, since slip angles have no meaning at rest."""

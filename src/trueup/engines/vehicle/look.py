@@ -24,8 +24,6 @@ from trueup.trial import Trial
 
 LATE = 0.12
 """In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""
-_EARLIER = (3.0, 6.0)
-"""In `LATE`: commands that heavy vehicles still follow, each twice as long ago as the one before (the first is 1.5 ago)."""
 _SLIDES = 3.0
 """In m/s^2 sideways, a third of g. Below it a car hardly slips: what its tyres do at their limit does not show, and its
 understeer is of the size of the play of a steering, so that it is asked about before it is believed. Chosen on JetRacer."""
@@ -44,23 +42,23 @@ class Look:
     throttle: Array
     steering: Array
     earlier: Array
-    """(n, len(_EARLIER)) speeds or throttles commanded that much earlier."""
+    """(n, 2) speeds or throttles commanded twice and four times as long before as `throttle`: heavy vehicles still follow."""
     drives: tuple[Past, ...] = ()
 
     @classmethod
     def at(cls, recordings: Sequence[Recording]) -> Look:
         """At prepared recordings, see `Past.of`. Raises RecordingError for one without pose or command."""
         steps = 12  # of the grid within LATE
-        parts = [np.zeros((5 + len(_EARLIER), 0))]
+        parts = [np.zeros((7, 0))]
         pasts = [Past.of(Trial.of(r, ["position", "heading"]), LATE / steps, COMMAND) for r in recordings]
         for past in pasts:
             k = np.arange(past.earliest, len(past.known) - 1, steps)
             k = k[past.known[k] & (past.lengths[k] > steps) & (past.seen[k, 3] > MOVES)]
             speed = past.seen[k, 3]
             gained = (speed - past.seen[k - steps, 3]) / LATE  # half of LATE ago
-            asked = past.commands[k - steps, 1], past.commands[k - steps * 3 // 2, 0]
-            earlier = [past.commands[np.maximum(k - round(steps * late), 0), 0] for late in _EARLIER]
-            parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, *asked, *earlier]))
+            late = steps * 3 // 2
+            asked = [past.commands[np.maximum(k - ago, 0), 0] for ago in (late, 2 * late, 4 * late)]
+            parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, past.commands[k - steps, 1], *asked]))
         curvature, speed, gained, steering, throttle, *earlier = np.concatenate(parts, axis=1)
         return cls(curvature, speed, gained, throttle, steering, np.stack(earlier, axis=1), tuple(pasts))
 

@@ -12,9 +12,10 @@ from trueup.arrays import Array
 from trueup.calibration import Calibration, Estimate
 from trueup.engines.family import Fit
 from trueup.engines.vehicle.judging import Ahead
-from trueup.engines.vehicle.prediction import HORIZONS, prediction_errors
+from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.quantities import LASTING
 from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.engines.vehicle.vehicle import HORIZONS
 from trueup.evidence import half_interval
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording

@@ -9,15 +9,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.engines.vehicle.vehicle import HORIZONS
 from trueup.errors import RecordingError
 from trueup.inspection.remainder import EVERY
 from trueup.recording import Recording
 from trueup.rounding import PRINTED
 from trueup.tracking.past import begun_at, first_state, last_known
 from trueup.trial import Trial
-
-HORIZONS = (1.0, 3.0)
-"""How far ahead predictions are judged, in s."""
 
 
 def prediction_errors(

@@ -17,7 +17,7 @@ from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.engines.vehicle.kernels import STATE
 from trueup.engines.vehicle.loops import drive_all, follow_rows, measure_all, read_all, replay_rows, start_all
 from trueup.engines.vehicle.reading import Ending, Orders, Reading, first_look
-from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
+from trueup.engines.vehicle.vehicle import TURNED, Vehicle
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
 from trueup.rounding import PRINTED, SAME_INSTANT, first_step
@@ -29,13 +29,6 @@ from trueup.tracking.start import start_state
 from trueup.tracking.wheels import as_driven, refuse_another_unit
 from trueup.trial import Trial
 
-STEP = {"speed": 0.02, "throttle": 0.01, PURSUED: 0.01, TURNED: 0.01}
-"""In s, by what commands the vehicle: the period of usual controllers; twice as fine where tyres are integrated (on
-JetRacer predictions are off by a twentieth more with the coarser one)."""
-HORIZON = {"speed": np.inf, "throttle": 1.5, PURSUED: 3.0, TURNED: 3.0}
-"""In s: a car under recorded throttle alone drifts away from any simulation, so that each stretch starts anew. Chosen on
-JetRacer: 3 s, each drive cut in three ways, did no better for three times the simulations."""
-
 
 class VehicleSimulator:
     """A vehicle that steers its front axle, with the delays, lags, limits and losses that its values name.
@@ -43,8 +36,8 @@ class VehicleSimulator:
     The parameters of `space` are quantities of the vehicle by name (see `Vehicle.space`); all others keep the vehicle's
     values. With a `controller`, the parameters of `controller_parameters` follow and are handed to it.
 
-    `step` (s) is that of STEP unless told otherwise. Under recorded commands each trial is predicted in stretches of
-    `horizon` s (None: as HORIZON has it). An endless one starts from what was measured around the trial's start. Any
+    `step` (s) is the vehicle's own unless told otherwise. Under recorded commands each trial is predicted in stretches of
+    `horizon` s (None: its own). An endless one starts from what was measured around the trial's start. Any
     other starts from the pose and velocity measured until then, with steering and motor where the past commands brought
     them, and with what the last seconds showed beyond the model: a push (battery, slope), a wheel angle, a turn of the
     tracked heading.
@@ -60,7 +53,7 @@ class VehicleSimulator:
     ) -> None:  # fmt: skip
         own = space if space is not None else ParameterSpace(())
         self.vehicle, self.controller = vehicle, controller
-        self.step, self.horizon = step or STEP[vehicle.drive], horizon or HORIZON[vehicle.drive]
+        self.step, self.horizon = step or vehicle.step, horizon or vehicle.horizon
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._columns = vehicle.columns(own.names)
         self._seed = seed

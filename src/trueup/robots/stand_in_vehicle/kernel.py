@@ -26,46 +26,52 @@ from trueup.units import GRAVITY
 ) = range(30)  # fmt: skip
 """Columns of the truth, in the order of `VehicleTruth`."""
 
-STATE = 14
-"""x, y, heading of the rear axle; wheel speed; yaw rate; lateral speed of the centre of mass; steering after lag, slack,
-rate limit; speed wanted; slip of both axles as the tyres have taken it up; side force in front; time."""
+(
+    X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, WANTED, FRONT_SLIP, REAR_SLIP, PUSH, TIME,
+    STATE,
+) = range(15)  # fmt: skip
+"""Where the numbers of a state stand, and how many they are: pose of the rear axle; wheel speed; yaw rate; lateral speed of
+the centre of mass; steering after lag, slack, rate limit; speed wanted; slip of both axles as the tyres have taken it up;
+side force in front; time."""
 _SLOW = 0.15  # m/s: below, slip angles are taken at this speed, and steering counts less
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(p: Array, s: Array, speed: float, steering: float, h: float) -> None:
     """One step h of the truth p (`VehicleTruth.row`) under the orders that have arrived (m/s, rad)."""
-    s[9] += (speed - s[9]) * (1.0 - math.exp(-h / p[SPEED_LAG]))
-    s[3] += min(max(s[9] - s[3], -p[ACCELERATION] * h), p[ACCELERATION] * h)
-    s[6] += (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[6]) * (1.0 - math.exp(-h / p[STEERING_LAG]))
-    s[7] = min(max(s[7], s[6] - 0.5 * p[STEERING_SLACK]), s[6] + 0.5 * p[STEERING_SLACK])
-    s[8] += min(max(s[7] - s[8], -p[STEERING_RATE] * h), p[STEERING_RATE] * h)
-    delta = p[STEERING_SCALE] * s[8] * (1.0 - p[ASYMMETRY] if s[8] < 0.0 else 1.0) + p[STEERING_OFFSET]
-    delta -= p[COMPLIANCE] * s[12]
-    u = p[WHEEL_SCALE] * (1.0 - p[SAG] * s[13] / 100.0) * s[3]
-    s[13] += h
+    s[WANTED] += (speed - s[WANTED]) * (1.0 - math.exp(-h / p[SPEED_LAG]))
+    s[SPEED] += min(max(s[WANTED] - s[SPEED], -p[ACCELERATION] * h), p[ACCELERATION] * h)
+    s[LAGGED] += (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[LAGGED]) * (
+        1.0 - math.exp(-h / p[STEERING_LAG])
+    )
+    s[SLACK] = min(max(s[SLACK], s[LAGGED] - 0.5 * p[STEERING_SLACK]), s[LAGGED] + 0.5 * p[STEERING_SLACK])
+    s[WHEEL] += min(max(s[SLACK] - s[WHEEL], -p[STEERING_RATE] * h), p[STEERING_RATE] * h)
+    delta = p[STEERING_SCALE] * s[WHEEL] * (1.0 - p[ASYMMETRY] if s[WHEEL] < 0.0 else 1.0) + p[STEERING_OFFSET]
+    delta -= p[COMPLIANCE] * s[PUSH]
+    u = p[WHEEL_SCALE] * (1.0 - p[SAG] * s[TIME] / 100.0) * s[SPEED]
+    s[TIME] += h
     ahead, behind = p[WHEELBASE] - p[FORWARD], p[FORWARD]
     floor = max(u, _SLOW)
-    slip_front = delta * min(u / _SLOW, 1.0) - math.atan((s[5] + ahead * s[4]) / floor)
-    slip_rear = -math.atan((s[5] - behind * s[4]) / floor)
+    slip_front = delta * min(u / _SLOW, 1.0) - math.atan((s[SIDEWAYS] + ahead * s[TURNING]) / floor)
+    slip_rear = -math.atan((s[SIDEWAYS] - behind * s[TURNING]) / floor)
     if p[RELAXATION] > 0.0:
         taken = 1.0 - math.exp(-h * floor / p[RELAXATION])
-        s[10] += taken * (slip_front - s[10])
-        s[11] += taken * (slip_rear - s[11])
-        slip_front, slip_rear = s[10], s[11]
+        s[FRONT_SLIP] += taken * (slip_front - s[FRONT_SLIP])
+        s[REAR_SLIP] += taken * (slip_rear - s[REAR_SLIP])
+        slip_front, slip_rear = s[FRONT_SLIP], s[REAR_SLIP]
     hold_front, hold_rear = (
         p[FRICTION] * p[MASS] * GRAVITY * behind / p[WHEELBASE],
         p[FRICTION] * p[MASS] * GRAVITY * ahead / p[WHEELBASE],
     )
     front = hold_front * math.tanh(p[FRONT_STIFFNESS] * slip_front / hold_front) * math.cos(delta)
     rear = hold_rear * math.tanh(p[REAR_STIFFNESS] * slip_rear / hold_rear)
-    s[12] = front
-    s[5] += h * ((front + rear) / p[MASS] - u * s[4] - p[SLOPE] * math.cos(s[2]))
-    s[4] += h * (ahead * front - behind * rear) / p[YAW_INERTIA]
-    sideways = s[5] - behind * s[4]
-    s[0] += h * (u * math.cos(s[2]) - sideways * math.sin(s[2]))
-    s[1] += h * (u * math.sin(s[2]) + sideways * math.cos(s[2]))
-    s[2] += h * s[4]
+    s[PUSH] = front
+    s[SIDEWAYS] += h * ((front + rear) / p[MASS] - u * s[TURNING] - p[SLOPE] * math.cos(s[HEADING]))
+    s[TURNING] += h * (ahead * front - behind * rear) / p[YAW_INERTIA]
+    sideways = s[SIDEWAYS] - behind * s[TURNING]
+    s[X] += h * (u * math.cos(s[HEADING]) - sideways * math.sin(s[HEADING]))
+    s[Y] += h * (u * math.sin(s[HEADING]) + sideways * math.cos(s[HEADING]))
+    s[HEADING] += h * s[TURNING]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
