@@ -20,7 +20,6 @@ from trueup.rounding import ROUNDED
 _STRIDE = 0.1
 """rad or m that measured joints go at a time on their way from the reference pose, where loops are closed: a linkage that
 is taken there at once may close the other way round."""
-_TURNS = 20
 
 
 class Linkages:
@@ -78,15 +77,16 @@ class Linkages:
         return way
 
     def _newton(self, qpos: Array, own: Integers) -> tuple[Array, Array]:
-        """How far constraints are open (c,), and their slopes (c, nv), once the joints `own` have closed them; in place."""
+        """How far constraints are open (c,), and their slopes (c, nv), once the joints `own` have closed them as far as steps
+        lead on; in place.
+        """
         move = np.zeros(self._model.nv)
         open_, slopes = self._constraints(qpos)
-        for _ in range(_TURNS):
-            if np.max(np.abs(open_), initial=0.0) < 1e-3 * ROUNDED:
-                break
+        before = np.inf
+        while 1e-3 * ROUNDED <= (now := float(np.max(np.abs(open_), initial=0.0))) < before:
             move[own] = -_least(slopes[:, own], open_)
             mujoco.mj_integratePos(self._model, qpos, move, 1.0)
-            open_, slopes = self._constraints(qpos)
+            before, (open_, slopes) = now, self._constraints(qpos)
         return open_, slopes
 
     def _constraints(self, qpos: Array) -> tuple[Array, Array]:

@@ -15,19 +15,19 @@ from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.gears import OWN
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import is_motor, joint_id
+from trueup.instant import STILL
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
 
-_SAG = 0.02  # rad or m: what a servo gives way under the robot's own weight, at most
 _SMALLEST = 0.1  # share of the largest inertia below which none is believed: drives of one robot are alike
 
 
 def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
     """Position servos for `joints` of a spec made from `model`, in place of their motors where they have some.
 
-    Stiffness such that the joint follows at 5 Hz and carries the robot, damping such that it does not overshoot: a start
-    for a calibration, which finds the rest. Where force is limited the damping is the servo's, within that limit as in
-    a real one; else it is the joint's, which is the same.
+    Stiffness such that the joint follows at 5 Hz and stays (`STILL`) under the robot's own weight, damping such that it does
+    not overshoot: a start for a calibration, which finds the rest. Where force is limited the damping is the servo's, within
+    that limit as in a real one; else it is the joint's, which is the same.
     """
     inertia, weight = loads(model, joints, recordings)
     for name, moved, held in zip(joints, inertia, weight, strict=True):
@@ -36,7 +36,7 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
         if joint.armature == 0.0:
             joint.armature = OWN * moved
             moved *= 1.0 + OWN
-        stiffness = max(moved * BANDWIDTH**2, held / _SAG)
+        stiffness = max(moved * BANDWIDTH**2, held / STILL)
         damping = 2.0 * float(np.sqrt(stiffness * moved))
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]  # the servo has it now
         _servo(spec, model, name, stiffness, damping if np.isfinite(force) else 0.0, force)
@@ -58,7 +58,7 @@ def add_speed_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], r
         if joint.armature == 0.0:
             joint.armature = OWN * moved
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
-        damping = max(moved * BANDWIDTH, held / (_SAG * BANDWIDTH))
+        damping = max(moved * BANDWIDTH, held / (STILL * BANDWIDTH))
         _servo(spec, model, name, 0.0, damping, _strongest(model, name))
 
 

@@ -31,9 +31,8 @@ _FACTORS = {
 }
 """How far off a model file may well be, to each side: of the size of the balancing study's boxes (`wider.toml` there), about
 the file's own values. Chosen on the small humanoid of `examples`."""
-_WITHIN = {"zero": 0.05, "sensor_delay": 0.05}  # rad, s to each side
-_LATE = 0.06  # s, of commands
-_ASTRAY = 0.05  # of the base's height: how far off a body's centre of mass may be to each side
+_ASTRAY = 0.05
+"""To each side: in rad of a servo's zero, in s of a sensor's delay, of the base's height of a body's centre of mass."""
 
 Kind = tuple[float, ...]
 
@@ -51,7 +50,7 @@ def whole_body_lines(model: Model) -> list[Declaration]:
             at = q.choices(model, {}).get(joints[0]) if q.family == "actuator" else joints[0]
             if at is not None and _has(model, name, at, driven[joints[0]]):
                 lines.append(Declaration(name, tuple(joints), tie="all", name=label + name))
-    lines.append(Declaration("delay", tuple(driven), tie="all", name="delay", lower=0.0, upper=_LATE))
+    lines.append(Declaration("delay", tuple(driven), tie="all", name="delay"))
     lines.append(Declaration("zero", tuple(driven), tie="mirror"))
     base = int(compiled.jnt_bodyid[free_joint(compiled)])
     moved = [
@@ -70,14 +69,14 @@ def as_wrong_as_may_be(model: Model, space: ParameterSpace, assignments: Sequenc
     compiled = model.compiled
     height = float(compiled.qpos0[compiled.jnt_qposadr[free_joint(compiled)] + 2])
     every = zip(space.parameters, assignments, strict=True)
-    return ParameterSpace(tuple(_near(p, a.kind, _ASTRAY * abs(height)) for p, a in every))
+    return ParameterSpace(tuple(_near(p, a.kind, abs(height)) for p, a in every))
 
 
-def _near(p: Parameter, kind: str, astray: float) -> Parameter:
+def _near(p: Parameter, kind: str, height: float) -> Parameter:
     if kind in _FACTORS and p.nominal > 0.0:
         return p.replace(lower=p.nominal / _FACTORS[kind], upper=p.nominal * _FACTORS[kind])
-    half = astray if kind.startswith("com_") and astray > 0.0 else _WITHIN.get(kind)
-    return p if half is None else p.replace(lower=p.nominal - half, upper=p.nominal + half)
+    half = _ASTRAY * (height if kind.startswith("com_") else float(kind in ("zero", "sensor_delay")))
+    return p.replace(lower=p.nominal - half, upper=p.nominal + half) if half > 0.0 else p
 
 
 def _alike(model: Model, driven: dict[str, int]) -> list[list[str]]:
