@@ -18,6 +18,7 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
+from trueup.loop.limits import SHARES
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.rivals import Rival
 from trueup.loop.uncertainty import FORETOLD, INEXACT
@@ -27,8 +28,6 @@ from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses
 from trueup.verdicts import vague
 
-_HALVINGS = 8
-"""Sizes between the start value and an end of the range: below a hundredth of the way slopes hold."""
 _STEPS = 6
 """With the slopes of the fit, to where all else settles for one size; they follow a factor of two."""
 
@@ -113,7 +112,7 @@ class _Along:
         here = float(fit.values[i])
         if abs(end - here) <= ROUNDED * max(abs(here), abs(end)):
             return found
-        sizes = here + (end - here) * 2.0 ** -np.arange(_HALVINGS)[::-1]
+        sizes = here + (end - here) * SHARES
         first = 0
         for half in np.array_split(sizes, 2):  # where the smaller ones show, the larger ones need not be simulated
             rows = np.repeat(fit.values[None], len(half), axis=0)

@@ -19,7 +19,8 @@ from trueup.loop.problem import Problem
 from trueup.loop.validate import settled_loss
 from trueup.parameters import Parameter, ParameterSpace
 
-_APART = 0.01 * 2.0 ** np.arange(8)  # shares of the box: how far along a limit losses are looked at, to either side
+SHARES = 2.0 ** -np.arange(8)[::-1]
+"""Of the box, or of the way to one of its ends, at which losses are looked at: below a hundredth slopes hold."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class _Side:
 
     def __init__(self, parameter: int, side: int, at: float) -> None:
         self.parameter = parameter
-        self.places = np.unique(np.clip(at + side * np.array([0.0, *_APART]), 0.0, 1.0))[::side]
+        self.places = np.unique(np.clip(at + side * np.array([0.0, *SHARES]), 0.0, 1.0))[::side]
         self._rises = np.zeros(len(self.places))
         self._below, self._beyond = 0, len(self.places)
         self.asks = len(self.places) - 1 if len(self.places) > 1 else None

@@ -28,11 +28,11 @@ from trueup.loop.checks import check
 from trueup.loop.fit import Progress
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
-from trueup.loop.whole_runs import SPREAD, WholeRuns, whole_body, whole_runs
+from trueup.loop.whole_runs import WholeRuns, whole_body, whole_runs
 from trueup.loop.worth import SAMPLES, Choice, slopes, worth_calibrating
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.verdicts import judged
+from trueup.verdicts import PRIOR, judged
 
 _SETTLING = 4  # descents of all that is free, from what was found of what is worth it: slopes are good for two
 
@@ -107,7 +107,7 @@ def _chosen(choice: Choice | None, space: ParameterSpace) -> ParameterSpace:
 def _posterior(problem: Problem, space: ParameterSpace, values: Array) -> Array:
     """(f, f) covariance in the unit box."""
     seen = slopes(problem, space, np.clip(space.to_unit(values), 0.0, 1.0))
-    return np.asarray(np.linalg.inv(SAMPLES * seen @ seen.T + np.eye(len(seen)) / SPREAD**2), dtype=np.float64)
+    return np.asarray(np.linalg.inv(SAMPLES * seen @ seen.T + PRIOR * np.eye(len(seen))), dtype=np.float64)
 
 
 def _between(space: ParameterSpace, found: WholeRuns) -> Array:

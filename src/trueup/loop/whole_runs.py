@@ -26,12 +26,12 @@ from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
 from trueup.search.robust import robust_weights
+from trueup.verdicts import PRIOR
 
 Told = Callable[[int, float], None]
 """Candidates tried, and the lowest loss."""
 
 BEND = 5.0  # residuals from which losses grow linearly where runs or places far apart are compared: one fall is not all
-SPREAD = 0.25  # of the prior, as a share of the box
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,8 @@ def whole_runs(
     problems: Sequence[Problem], space: ParameterSpace, *, seed: int, population: int = 32, generations: int = 10,
     members: int = 4, descents: int = 6, prior: float = 0.02, start: Array | None = None, told: Told | None = None,
 ) -> WholeRuns:  # fmt: skip
-    """Values of `space` with the least losses plus `prior` times the squared distance from nominal, in quarters of the box.
+    """Values of `space` with the least losses plus `prior` times the squared distance from nominal, in standard deviations
+    of what may be anywhere in the box.
 
     Losses of several motions add, as logarithms of likelihoods do: what two motions tell counts twice as much against
     the prior as what one does. Their average would make each of them the fainter the more there are.
@@ -66,7 +67,7 @@ def whole_runs(
         candidates = search.ask()
         values = space.from_unit(candidates)
         seen = np.sum([losses(problem, values) for problem in problems], axis=0)
-        seen = seen + prior * np.sum(((candidates - begin) / SPREAD) ** 2, axis=1)
+        seen = seen + prior * PRIOR * np.sum((candidates - begin) ** 2, axis=1)
         search.tell(candidates, seen)
         kept += zip(np.nan_to_num(seen, nan=np.inf).tolist(), candidates, strict=True)
         if told is not None:
@@ -75,7 +76,7 @@ def whole_runs(
     points = np.array([p for _, p in best])[np.arange(members) % len(best)]
     if not descents:
         return WholeRuns(space.from_unit(points[:1]), np.array([best[0][0]]), problems[0].evaluations)
-    centres = begin + 0.5 * SPREAD * rng.standard_normal(points.shape) * (np.arange(members) > 0)[:, None]
+    centres = begin + 0.5 / np.sqrt(PRIOR) * rng.standard_normal(points.shape) * (np.arange(members) > 0)[:, None]
     descent = _Descent(problems, space, np.clip(centres, 0.0, 1.0), prior)
     points, found = descent.run(np.clip(points, 0.01, 0.99), descents, told)
     order = np.argsort(found)
@@ -143,7 +144,7 @@ class _Descent:
         """(5, n) the next point with several dampings; `slopes` are (n, m)."""
         share = self._weights * np.sqrt(robust_weights(residual, BEND))
         slopes = np.where(np.isfinite(slopes), slopes, 0.0) * share
-        pull = self._prior / SPREAD**2
+        pull = self._prior * PRIOR
         normal = slopes @ slopes.T + pull * np.eye(len(point))
         slope = slopes @ (residual * share) + pull * (point - centre)
         steps = [np.linalg.solve(normal + x * np.diag(np.diag(normal)), slope) for x in lambdas]
@@ -156,7 +157,7 @@ class _Descent:
         return np.where(np.isfinite(found), found, 10.0 * BEND)
 
     def _losses(self, residuals: Array, points: Array, members: Integers) -> Array:
-        away = np.sum(((points - self._centres[members]) / SPREAD) ** 2, axis=1)
+        away = PRIOR * np.sum((points - self._centres[members]) ** 2, axis=1)
         return _robust(residuals, self._weights) + self._prior * away
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
-from trueup.loop.whole_runs import SPREAD, weights
+from trueup.loop.whole_runs import weights
 from trueup.parameters import ParameterSpace
+from trueup.verdicts import PRIOR
 
 MOVED = 0.01  # share of the box by which a parameter is moved to see its effect
 SAMPLES = 50.0
@@ -73,7 +74,7 @@ def worth_calibrating(
     """Chooses among the free parameters of `space`, which all problems' simulators have.
 
     `problems` are the recordings that will be fitted, `outcomes` the motions that shall be foretold (default: the same). A
-    parameter is believed to be wrong by a quarter of its range. The smallest set is looked for, one parameter after the
+    parameter is believed to be anywhere in its range. The smallest set is looked for, one parameter after the
     other, with which the outcome is foretold as well as with all, but for what its mean is known to from a run's samples.
     Slopes are taken at the nominal values and at three that are drawn around them.
     Raises CalibrationError where nothing is free or nothing can be simulated.
@@ -83,11 +84,11 @@ def worth_calibrating(
     if not names:
         raise CalibrationError("no parameter is free, so there is none to choose")
     begin, draws = np.clip(space.to_unit(space.nominal), 0.0, 1.0), 4
-    away = 0.5 * SPREAD * rng.standard_normal((draws, len(names))) * (np.arange(draws) > 0)[:, None]
+    away = 0.5 / np.sqrt(PRIOR) * rng.standard_normal((draws, len(names))) * (np.arange(draws) > 0)[:, None]
     points = np.clip(begin + away, 0.0, 1.0)
     seen = np.mean([_products(p, space, points) for p in problems], axis=0)
     wanted = np.mean([_products(p, space, points) for p in outcomes], axis=0) if outcomes else seen
-    doubt = _Doubt(SAMPLES * SPREAD**2 * seen, SPREAD**2 * wanted)
+    doubt = _Doubt(SAMPLES / PRIOR * seen, wanted / PRIOR)
     channels = len({s.channel for p in (outcomes or problems) for s in p.segments})
     everything, taken, now = doubt.left(list(free)), list[int](), doubt.left([])
     none = now
