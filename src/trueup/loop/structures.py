@@ -28,6 +28,8 @@ Settle = Callable[[Descent], None]
 
 _PLACES = np.linspace(0.04, 0.96, 16)
 """Shares of the range in which a structure is looked for."""
+_AROUND = np.linspace(-0.04, 0.04, 25)
+"""The same around where it was found."""
 
 
 def grown(
@@ -109,11 +111,10 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
     switch from speeding up to slowing down, and the loss has cracks at which slopes end.
     """
     found = descent.finished(look)
-    around = np.linspace(-1.0, 1.0, 25) * (_PLACES[1] - _PLACES[0])
     while True:
         entering = np.array([p.name in declared for p in found.space.parameters if not p.frozen])
-        places = np.repeat(found.unit[None], len(around), axis=0)
-        places[:, entering] = np.clip(places[:, entering] + around[:, None], 0.0, 1.0)
+        places = np.repeat(found.unit[None], len(_AROUND), axis=0)
+        places[:, entering] = np.clip(places[:, entering] + _AROUND[:, None], 0.0, 1.0)
         residuals = look.cheap.residuals(found.space.from_unit(places))
         losses = [settled_loss(found, np.flatnonzero(~entering), residual) for residual in residuals]
         if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
