@@ -17,7 +17,6 @@ from trueup.rounding import ROUNDED
 
 REACH = 0.25
 """s to either side: what lies further off says nothing of an instant."""
-_KEPT = 2**16  # instants that are remembered: minutes cut into thousands of windows begin at each again and again
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
 
 
@@ -88,7 +87,7 @@ def rate_noise(step: float) -> float:
     return float(np.linalg.norm(savgol_coeffs(samples_of_cubic(step), 3, deriv=1, delta=step)))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=2**16)  # minutes cut into thousands of windows begin at each again and again
 def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
     """The state at `time` by a polynomial through positions, and measured velocities of the same labels, around it.
 

@@ -12,10 +12,10 @@ from trueup.arrays import Array
 from trueup.articulated.model import WORLD, BasePose, Model
 from trueup.errors import unknown_name
 
-_OTHERWISE = {
-    "joint.start": 0.0, "joint.start_velocity": 0.0, "joint.slides": 0.0,
-    "actuator.slides": 0.0, "actuator.delay": 0.0, "actuator.servo": 0.0, "actuator.torque": 1.0,
-}  # fmt: skip
+_OPTIONAL = frozenset([
+    "joint.start", "joint.start_velocity", "joint.slides",
+    "actuator.slides", "actuator.delay", "actuator.servo", "actuator.torque",
+])  # fmt: skip
 """Attributes that a description may leave out: hinges at rest, driven by motors that are told their torque. All others it
 names only where its equations heed them: a quantity without effect would be calibrated in vain."""
 
@@ -69,10 +69,10 @@ class Described:
         known = {"joint": self.joints, "world": (WORLD,)}.get(family, self.names(family))
         if name not in known:
             raise unknown_name(family, name, known, f"model '{self.name}'")
-        if attribute not in _OTHERWISE:
+        if attribute not in _OPTIONAL:
             offered = {a for a, n in self.attributes if n == name}
             raise unknown_name("attribute", attribute, offered, f"what model '{self.name}' offers of '{name}'")
-        return np.array([_OTHERWISE[attribute]])
+        return np.array([float(attribute == "actuator.torque")])
 
     def copies(self, rows: int) -> StoredCopies:
         """See `articulated.simulator.Engine`."""

@@ -18,10 +18,7 @@ from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
 from trueup.recording import Channel
 from trueup.samples import held_integral, in_force
-from trueup.trial import Trial
-
-_NEAR = 1.0
-"""s before and after a trial of which commands are kept with it, of longer delays all: no drive is told so much earlier."""
+from trueup.trial import SETTLE, Trial
 
 
 class _Held(NamedTuple):
@@ -245,9 +242,11 @@ class Signals:
         return columns, values, paces(command, pace) if self.lead.any() else np.zeros_like(values)
 
     def _near(self, trial: Trial, time: Array) -> slice:
-        """The samples of a trial's command that may act in it: windows of a long recording would keep all of it each."""
+        """The samples of a trial's command that may act in it, of those that drives have not forgotten (`SETTLE`), with
+        longer delays all: windows of a long recording would keep all of it each.
+        """
         late = self.delay - self._changes.of("clock").get(trial.name, np.zeros(self._rows))[:, None]
-        if np.abs(late).max(initial=0.0) > _NEAR:
+        if np.abs(late).max(initial=0.0) > SETTLE:
             return slice(0, len(time))
-        first = int(np.searchsorted(time, trial.start - _NEAR, side="right")) - 1
-        return slice(max(first, 0), int(np.searchsorted(time, trial.start + trial.duration + _NEAR, side="right")))
+        first = int(np.searchsorted(time, trial.start - SETTLE, side="right")) - 1
+        return slice(max(first, 0), int(np.searchsorted(time, trial.start + trial.duration + SETTLE, side="right")))

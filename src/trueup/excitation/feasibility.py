@@ -14,12 +14,9 @@ from trueup.excitation.cell import Cell
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import SAMPLED, Trajectory
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.instant import STILL
 from trueup.rounding import NEGLIGIBLE, PRINTED
 from trueup.samples import between, rms
-
-_STEP = 0.02
-"""rad (m): how far no joint moves further from one checked posture to the next."""
-
 
 _SLOWER = tuple(2.0 ** (k / 4) for k in range(9))
 
@@ -167,7 +164,7 @@ class Feasibility:
         """Whether the straight way of the joints from one posture to another meets nothing."""
         if self.clearance is None:
             return True
-        count = int(np.ceil(np.abs(end - start).max() / _STEP)) + 2
+        count = int(np.ceil(np.abs(end - start).max() / STILL)) + 2
         return self.nearest(np.linspace(start, end, count), enough=self.margin)[0] >= self.margin
 
     def torque(self, trajectory: Trajectory) -> Array | None:
@@ -185,9 +182,9 @@ class Feasibility:
 
 
 def spread(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Instants (s,) and postures (s, n) of a trajectory such that no joint moves further than 0.02 rad in between."""
+    """Instants (s,) and postures (s, n) of a trajectory such that no joint moves further than `STILL` in between."""
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(trajectory.q, axis=0)).max(axis=1))])
-    count = max(2, int(np.ceil(way[-1] / _STEP)) + 1)
+    count = max(2, int(np.ceil(way[-1] / STILL)) + 1)
     time = np.interp(np.linspace(0.0, way[-1], count), way + NEGLIGIBLE * np.arange(len(way)), trajectory.time)
     return time, between(time, trajectory.time, trajectory.q)
 

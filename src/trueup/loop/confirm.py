@@ -20,12 +20,10 @@ from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
 from trueup.tasks.task import DoneOrNot, judgement
-from trueup.trial import Trial
+from trueup.trial import STEP, Trial
 
 NOISE: tuple[Disturbance, ...] = (StartScatter("position", 0.01), CommandNoise(0.01))
 """Twice the step of a small servo's encoder (0.3 degrees), in where joints start and in what they are told."""
-STEPS = (0.004, 0.002, 0.001)
-"""s: a search's step and finer ones."""
 _LEVELS = (2.0, 4.0, 8.0)  # times the noise, by which what holds is compared
 
 
@@ -60,7 +58,7 @@ class Hunt:
 def hunt(
     task: DoneOrNot, simulator: Simulator, rng: np.random.Generator, search: Search | None = None, *,
     model: Array | None = None, wanted: int = 3, apart: float = 0.1, simulations: int = 6400,
-    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
+    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = (2.0 * STEP, STEP, 0.5 * STEP),
     rough: Sequence[Disturbance] = (), watch: Callable[[int, float, int], None] | None = None,
     evaluator: Evaluator | None = None,
 ) -> Hunt:  # fmt: skip
@@ -133,7 +131,7 @@ def _judged(
 
 def holds(
     task: DoneOrNot, simulator: Simulator, candidate: Array, rng: np.random.Generator, *, model: Array | None = None,
-    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
+    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = (2.0 * STEP, STEP, 0.5 * STEP),
 ) -> tuple[tuple[float, ...], int]:  # fmt: skip
     """Shares of replays under noise that succeed, step by step as long as all but one do, and how many were simulated.
 

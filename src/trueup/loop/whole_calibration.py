@@ -34,8 +34,6 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.verdicts import PRIOR, judged
 
-_SETTLING = 4  # descents of all that is free, from what was found of what is worth it: slopes are good for two
-
 
 def calibrate_whole(
     simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
@@ -61,7 +59,7 @@ def calibrate_whole(
     trace.saw(problem.evaluations, nan)
     found = whole_runs([problem], _chosen(choice, space), seed=seed, told=trace.saw)
     if choice is not None:
-        found = whole_runs([problem], space, seed=seed, generations=0, members=len(found.values), descents=_SETTLING,
+        found = whole_runs([problem], space, seed=seed, generations=0, members=len(found.values),
                            start=found.values, told=trace.saw)  # fmt: skip
     values = found.values[0]
     covariance = _posterior(problem, space, values) + _between(space, found)
