@@ -20,8 +20,6 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.shapes import box, capsule, solid, with_capsules, with_floor
 
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
-_NEAR = (0.025, 0.05)
-"""m, for small and large arms; parts that are never further apart are held so by a joint: their distance says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +158,8 @@ class MujocoClearance:
         share = (far[1:] <= 0.0).mean(axis=0)
         # The model's own posture may fold the arm into itself; a pair that is mostly apart is a collision there.
         always = ((far[0] <= 0.0) & (share > 0.3)) | (share > 0.9)
-        held = float(np.clip(0.04 * self.reach().max(), *_NEAR))
+        # Parts that are never further apart are held so by a joint: their distance says nothing.
+        held = 0.04 * self.reach().max()
         near = ~always & ((far.max(axis=0) < held) | (np.ptp(far, axis=0) < 0.01))
         said = []
         for which, why in ((always, "they overlap as modelled"), (near, "the joint between keeps them that near")):
