@@ -15,11 +15,11 @@ from scipy.optimize import least_squares
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.beginning import as_tracked
 from trueup.engines.vehicle.judging import Ahead
-from trueup.engines.vehicle.noisy_starts import STARTS_MATTER
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.loop.prepare import prepare
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
+from trueup.samples import MOSTLY
 from trueup.tracking.past import Past
 from trueup.tracking.rest import stood
 from trueup.trial import Trial
@@ -157,7 +157,7 @@ def test_noise_of_the_pose_at_a_start_is_taken_out_of_all_that_follows() -> None
         after = freed.residual(recording, done)[:, counted]
         shares.append(freed.noise_of_starts(plain.residuals(np.zeros(0), [recording]), [recording]))
         assert np.linalg.norm(after) < np.linalg.norm(before)
-    assert shares[0] < STARTS_MATTER < shares[1]
+    assert shares[0] < 1.0 - MOSTLY < shares[1]
 
 
 def test_turn_rates_are_told_better_where_the_noise_of_starts_is_taken_out() -> None:

@@ -143,7 +143,7 @@ def test_windows_of_a_long_recording_keep_only_the_commands_that_act_in_them(mon
     near = [r.channels["position"] for r in made.rollout(windows, values)]
     monkeypatch.setattr("trueup.engines.mujoco.rollout._ROWS", 7)
     parts = [r.channels["position"] for r in made.rollout(windows, values)]
-    monkeypatch.setattr("trueup.articulated.signals._NEAR", 0.0)  # shorter than the delays: all are kept
+    monkeypatch.setattr("trueup.articulated.signals.SETTLE", 0.0)  # shorter than the delays: all are kept
     every = [r.channels["position"] for r in made.rollout(windows, values)]
     assert all(np.array_equal(a, b) for a, b in zip(near, parts, strict=True))
     assert max(float(np.abs(a - b).max()) for a, b in zip(near, every, strict=True)) < 1e-9

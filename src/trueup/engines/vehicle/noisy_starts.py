@@ -19,6 +19,7 @@ from trueup.engines.vehicle.vehicle import HORIZONS
 from trueup.evidence import half_interval
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.samples import MOSTLY
 from trueup.verdicts import judged
 
 ROUGHLY = ("first seconds", "all, coarse step")
@@ -26,21 +27,20 @@ ROUGHLY = ("first seconds", "all, coarse step")
 has ended would be led away from there."""
 SEARCHED = (*ROUGHLY, "lines", "evolution", "profiles", "off bounds", "implicit filtering")
 """Stages that look for lower places than slopes lead to: done, where a fit goes on from the same search of a part."""
-STARTS_MATTER = 0.1
-"""Share of what samples of one prediction have in common from which noise of its start is eliminated."""
 
 
 def begun_with_noise(
     simulator: VehicleSimulator, found: Calibration, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
 ) -> Calibration:
-    """The calibration, searched on from there with noise of the states at which predictions begin eliminated, where that is
-    much of what is left: all samples of a stretch share it, so that it moves estimates more than all other noise.
+    """The calibration, searched on from there with noise of the states at which predictions begin eliminated, where what is
+    left is not mostly (`MOSTLY`) something else: all samples of a stretch share it, so that it moves estimates more than all
+    other noise.
 
     Whether a speed follows late by a slow command or by a soft controller is told only then, so both are searched from.
     """
     residuals = Ahead(simulator, drives).residuals(found.values, drives)
     measure = _with_noise(simulator, residuals, drives, found.values)
-    if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
+    if measure.noise_of_starts(residuals, drives) < 1.0 - MOSTLY:
         return found
     held = _held(simulator, found)
     how = {"discrepancy": measure, "cross_validate": False, "again": True, "without": ROUGHLY}

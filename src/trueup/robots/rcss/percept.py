@@ -59,7 +59,7 @@ def percept(message: bytes) -> Percept:
             made.setdefault("gyros", {})[_name(fields, message)] = _turned(_numbers(fields, "rt", 3, message))
         elif word in _PLAIN:
             kind, keys = _PLAIN[word]
-            values = tuple(x for key, count in keys for x in _numbers(fields, key, count, message))
+            values = tuple(x for key, axes in keys.items() for x in _numbers(fields, key, len(axes), message))
             made.setdefault(kind, {})[_name(fields, message)] = values
         elif word == "TCH":  # (TCH n bumper val 1)
             flat = [a for a in rest if isinstance(a, str)]
@@ -72,12 +72,13 @@ def percept(message: bytes) -> Percept:
     return Percept(time, single["joints"], single["speeds"], **made)  # type: ignore[arg-type]
 
 
-_PLAIN: Mapping[str, tuple[str, tuple[tuple[str, int], ...]]] = {
-    "ACC": ("accelerometers", (("a", 3),)),
-    "FRP": ("forces", (("c", 3), ("f", 3))),
-    "pos": ("positions", (("p", 3),)),
-    "quat": ("orientations", (("q", 4),)),
+_PLAIN: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    "ACC": ("accelerometers", {"a": "xyz"}),
+    "FRP": ("forces", {"c": "xyz", "f": "xyz"}),
+    "pos": ("positions", {"p": "xyz"}),
+    "quat": ("orientations", {"q": "wxyz"}),
 }
+"""What words tell, and which numbers stand behind which key."""
 
 
 def _seen(rest: Sequence[Expression], message: bytes) -> dict[str, Values]:

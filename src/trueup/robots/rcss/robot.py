@@ -21,9 +21,6 @@ from trueup.rounding import SAME_INSTANT
 from trueup.tasks.task import Task
 from trueup.trial import Trial
 
-PORTS = {False: 60000, True: 3100}
-"""Of agents, by whether the server is SimSpark."""
-
 
 class RcssRobot:
     """A Robot in a game of rcssservermj (`model` 'T1' or 'K1') or rcssserver3d ('nao').
@@ -33,7 +30,7 @@ class RcssRobot:
     those that `joints` names ({"hip": "-llj3"}: a '-' where it turns the other way); beyond a joint's range they are cut.
     Joints that are not commanded stay at `pose`, else at zero. `kp`, `kd`: of some joints' servos. Where a trial has no
     command, the controller of `task` runs it, which sees and commands as in the model of `simulator`. It waits `timeout` s
-    for the server.
+    for the server; without a `port`, at the one that is the server's own for agents.
     """
 
     def __init__(
@@ -45,7 +42,8 @@ class RcssRobot:
     ) -> None:  # fmt: skip
         body = body_named(model)
         self._body = body.renamed(joints or {}).tuned(kp or {}, kd or {})
-        self._host, self._port = host, PORTS[body.simspark] if port is None else port
+        own = 3100 if body.simspark else 60000
+        self._host, self._port = host, own if port is None else port
         self._team, self._number, self._place = team, number, place
         self._settle, self._timeout = settle, timeout
         self._task, self._look = task, None if simulator is None else Look.of(simulator)
