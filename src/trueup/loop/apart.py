@@ -23,9 +23,6 @@ from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 
 GLANCE = 2.5  # s: the least of each recording that a first look takes
-_MOVED = (
-    0.2  # share of the box by which parameters are moved to see what they change: a limit has no slope until it is met
-)
 
 
 @dataclass(frozen=True)
@@ -97,11 +94,12 @@ def _search(space: ParameterSpace, start: Array, part: Part, robust: float, tole
 
 
 def parts_of(problem: Problem, space: ParameterSpace, starts: Sequence[Array]) -> list[Part]:
-    """The signals that have parameters of their own, seen from any of the starts."""
+    """The signals that have parameters of their own, seen from any of the starts by going half way to the further bounds."""
     names, label = labelled(problem.segments)
     changed = np.zeros((int(space.free.sum()), len(names)), dtype=bool)
     for start in starts:
-        moved = start + np.diag(np.where(start > 0.5, -_MOVED, _MOVED))
+        half = 0.5 * (np.where(start > 0.5, 0.0, 1.0) - start)  # of the way: a limit has no slope until it is met
+        moved = start + np.diag(half)
         residuals = problem.residuals(space.from_unit(np.concatenate([start[None], moved])))
         differs = residuals[1:] != residuals[0]
         changed |= np.stack([differs[:, label == k].any(axis=1) for k in range(len(names))], axis=1)
