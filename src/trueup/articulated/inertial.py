@@ -104,9 +104,17 @@ def orientations(recording: Recording) -> dict[str, Channel]:
 
 def _is_open(channel: Channel) -> bool:
     of_sensor = is_accelerometer(channel) or is_gyro(channel.name)
-    return (
-        of_sensor and not channel.unit and not channel.units and tuple(x[-1:] for x in sorted(channel.labels)) == AXES
-    )
+    return of_sensor and not channel.unit and not channel.units and _has_axes(channel)
+
+
+def _has_axes(channel: Channel) -> bool:
+    """Whether its columns are x, y and z, or those of a sensor along these (gyro.x)."""
+    return tuple(label[-1:] for label in sorted(channel.labels)) == AXES
+
+
+def _along_axes(channel: Channel) -> Array:
+    """(T, 3) its values along x, y and z."""
+    return channel.select(sorted(channel.labels)).values
 
 
 def _acceleration(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
@@ -171,22 +179,21 @@ def _by_gravity(name: str, recordings: Sequence[Recording]) -> tuple[str, str]:
     """
     turned, seen, beside = [], [], ""
     for r in recordings:
-        others = [
-            n for n, c in r.channels.items() if n != name and _shows_gravity(c) and tuple(sorted(c.labels)) == AXES
-        ]
-        gyro = r.channels[name].select(AXES)
+        others = [n for n, c in r.channels.items() if n != name and _shows_gravity(c) and _has_axes(c)]
+        gyro = r.channels[name]
         if (
             len(others) != 1
             or not np.isfinite(gyro.values).all()
             or not np.isfinite(r.channels[others[0]].values).all()
         ):
             continue
-        beside, pulls = others[0], r.channels[others[0]].select(AXES)
+        beside, pulls = others[0], r.channels[others[0]]
         time = np.arange(max(gyro.time[0], pulls.time[0]), min(gyro.time[-1], pulls.time[-1]) - STRIDE, STRIDE)
         if len(time) < 3:
             continue
-        up = between(gyro.time, pulls.time, pulls.values / np.median(_calm(pulls)))
-        rates = np.cross(up, gyro.values - np.median(gyro.values, axis=0))
+        up = between(gyro.time, pulls.time, _along_axes(pulls) / np.median(_calm(pulls)))
+        turns = _along_axes(gyro)
+        rates = np.cross(up, turns - np.median(turns, axis=0))
         turned.append(np.diff(_means(time, gyro.time, _summed(gyro.time, rates)), axis=0).ravel())
         seen.append(np.diff(_means(time, gyro.time, up), axis=0).ravel())
     if not turned:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from rich.markup import escape
 from trueup.articulated.pose import is_quaternion
 from trueup.commands.console import notes, tell
 from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, recordings_in
+from trueup.commands.suited_mapping import drives_of, labelled, suited_to
 from trueup.errors import ClockError, MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
@@ -24,11 +25,10 @@ from trueup.formats.rules.joints import SETTINGS
 from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.alignment import on_other_clocks
-from trueup.inspection.joint_names import alike_names, match_joints, one_each
-from trueup.inspection.sensors import labels_of, sensed
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
+from trueup.rounding import SAME_INSTANT
 
 ABOUT = """\
 Looks at recordings: rate, gaps, jitter, channels and units, encoder grid, noise, what does not move or is cut off.
@@ -63,16 +63,16 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     said += other
     of_joints = args.model if joints is not None else None  # a vehicle has none to be named
     said += _unknown(recordings, of_joints) if of_joints is not None and mapping is not None else []
-    shown, doubts = _seen_by(args.model, recordings) if args.model is not None else (recordings, ())
+    shown, doubts = _seen_by(args.model, recordings, mapping is None) if args.model is not None else (recordings, ())
     said += [*doubts, *on_other_clocks(shown)]
     found = [inspect(r) for r in shown]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths, joints), args.rate)
         if of_joints is not None:
-            guess, more = _renamed(guess, recordings, *_drives_of(of_joints))
-            guess, sensors = _with_sensors(guess, recordings, of_joints)
-            said += more + sensors
+            guess, more, told_units = suited_to(of_joints, guess, recordings, shown)
+            found = [_without_guesses(inspection, told_units) for inspection in found]
+            said += more
         said += _others(recordings, target)
         guess.save(target)
         written = target
@@ -139,74 +139,29 @@ def _existing(target: Path) -> str | None:
     return str(target) if target.is_file() else None
 
 
-def _labels(recordings: Sequence[Recording]) -> list[str]:
-    names = ("position", "command", "command_sent")
-    return list(dict.fromkeys(x for r in recordings for n in names if r.has(n) for x in r.channel(n).labels))
-
-
-def _drives_of(model: str) -> tuple[Mapping[str, str], tuple[str, ...]]:
-    """A model's joints and what drives them, and drives of several joints."""
+def _seen_by(model: str, recordings: Sequence[Recording], guessed: bool) -> tuple[Sequence[Recording], tuple[str, ...]]:
+    """Recordings with a model's names and units, metres where a joint slides, and what they show to be wrong in it. Where
+    the mapping is a guess, units of inertial units that the numbers tell are part of it.
+    """
     from trueup.engines.family import family_of
 
     family = family_of(model)
     loaded = family.load(Path(model))
-    return family.drives(loaded), family.others(loaded)
-
-
-def _seen_by(model: str, recordings: Sequence[Recording]) -> tuple[Sequence[Recording], tuple[str, ...]]:
-    """Recordings with a model's names and units, metres where a joint slides, and what they show to be wrong in it."""
-    from trueup.engines.family import family_of
-
-    family = family_of(model)
-    loaded = family.load(Path(model))
-    named = family.in_units(loaded, recordings)
+    named = family.in_units(loaded, recordings, guessed=guessed)
     return named, family.doubts(loaded, named)
 
 
 def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
-    joints, others = _drives_of(model)
-    strange = [label for label in _labels(recordings) if label not in joints and label not in others]
+    joints, others = drives_of(model)
+    strange = [label for label in labelled(recordings) if label not in joints and label not in others]
     said = f"{Path(model).name} has no joint {', '.join(strange)}; its joints are: {', '.join(joints)}"
     return [said] if strange else []
 
 
-def _renamed(
-    guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str], others: Collection[str]
-) -> tuple[ChannelMap, list[str]]:
-    """The guess with names of the model's joints, apart for what was measured (gripper_width) and told (gripper); notes."""
-    labels = [label for label in _labels(recordings) if label not in others]
-    if all(label in drives for label in labels):
-        return guess, []
-    measured = [x for x in labels if any(r.has("position") and x in r.channel("position").labels for r in recordings)]
-    several = alike_names([x for x in labels if x not in measured and x not in drives], list(others))
-    labels = [label for label in labels if label not in several]
-    parts = [match_joints(part, drives) for part in (measured, [x for x in labels if x not in measured]) if part]
-    names = one_each({label: joint for found, _ in parts for label, joint in found.items()} | several, recordings)
-    how = max((how for _, how in parts), default="by name")  # 'by order' where any is
-    said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
-    notes = [f"joints renamed {how}: {said}"] if said else []
-    unknown = [label for label in labels if label not in names]
-    if unknown:
-        left = [j for j in (*drives, *others) if j not in names.values()]
-        notes.append(
-            f"no joint of the model was found for {', '.join(unknown)} (left are: {', '.join(left) or 'none'}): "
-            "fill in [joints] in the mapping"
-        )
-    return dataclasses.replace(guess, joints=names), notes
-
-
-def _with_sensors(guess: ChannelMap, recordings: Sequence[Recording], model: str) -> tuple[ChannelMap, list[str]]:
-    """The guess with labels of the model's sensors for their axes, and what to say of it."""
-    from trueup.engines.family import family_of
-
-    family = family_of(model)
-    found = sensed(recordings, family.sensors(family.load(Path(model))))
-    channels = {
-        name: dataclasses.replace(columns, labels=labels_of(found[name], columns.labels)) if name in found else columns
-        for name, columns in guess.channels.items()
-    }
-    notes = [f"channel {name} is labelled as the model's sensor {sensor}" for name, sensor in found.items()]
-    return dataclasses.replace(guess, channels=channels), notes
+def _without_guesses(inspection: Inspection, channels: Collection[str]) -> Inspection:
+    """Without what was guessed of the unit of channels whose unit the model told."""
+    kept = tuple(g for g in inspection.guesses if g.partition(":")[0] not in channels)
+    return dataclasses.replace(inspection, guesses=kept)
 
 
 def _others(recordings: Sequence[Recording], target: Path) -> list[str]:
@@ -225,13 +180,19 @@ def _show(inspection: Inspection, console: Console) -> None:
     rate = f" at {first.rate:.4g} Hz" if first is not None and math.isfinite(first.rate) else ""
     gaps = sum(len(c.gaps) - c.dropped for c in inspection.channels[:1])
     detail = (
-        f" (jitter {1e3 * first.jitter:.2g} ms, {gaps or 'no'} gap{'s' * (gaps != 1)})" if first is not None else ""
+        f" (jitter {1e3 * _beyond_rounding(first.jitter):.2g} ms, {gaps or 'no'} gap{'s' * (gaps != 1)})"
+        if first is not None
+        else ""
     )
     tell(console, f"[bold]{escape(inspection.name)}[/]   {inspection.duration:.1f} s{rate}{detail}")
     for channel in inspection.channels:
         tell(console, f"  {escape(channel.name):13} {_line(channel)}")
     for sentence in inspection.findings():
         tell(console, f"  [yellow]mind[/] {escape(sentence)}")
+
+
+def _beyond_rounding(jitter: float) -> float:
+    return 0.0 if jitter < SAME_INSTANT else jitter
 
 
 _UNITLESS = {"load": "of what it is rated for"}

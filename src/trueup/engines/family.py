@@ -101,8 +101,12 @@ class Family:
         """A model's sensors of three numbers, each to the unit of what it measures (see `inspection.sensors`)."""
         return {}
 
-    def in_units(self, model: Any, recordings: Sequence[Recording]) -> Sequence[Recording]:
-        """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them."""
+    def in_units(
+        self, model: Any, recordings: Sequence[Recording], *, guessed: bool = False
+    ) -> Sequence[Recording]:  # fmt: skip
+        """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them. With
+        units of sensors that their numbers alone tell where all is `guessed`, for a user to edit.
+        """
         return recordings
 
     def doubts(self, model: Any, recordings: Sequence[Recording]) -> tuple[str, ...]:

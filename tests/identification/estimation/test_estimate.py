@@ -132,3 +132,15 @@ def test_the_density_of_errors_at_low_frequencies_counts_their_memory() -> None:
     np.testing.assert_allclose(lasting_density([noise], rate), np.array([1.0, 9.0]) / rate, rtol=0.05)
     # 1 / (1 - 0.8)^2 times that of the noise, of which the Bartlett window of this memory sees 18 / 25
     np.testing.assert_allclose(lasting_density([lasting], rate), np.array([18.0, 162.0]) / rate, rtol=0.1)
+
+
+@pytest.mark.parametrize("alike", [0.01, 0.05])
+def test_what_draws_effects_to_zero_does_not_make_them_certain(alike: float) -> None:
+    rng = np.random.default_rng(4)
+    friction = np.sign(np.sin(np.arange(4000) / 50.0))
+    load = friction * (1.0 + alike * rng.standard_normal(4000))  # an axis that hardly ever carries another weight
+    torque = (6.0 * friction + 0.5 * rng.standard_normal(4000))[:, None]
+    rows = Rows((np.arange(2),), (np.stack([friction, load]),), torque, np.arange(4000) / 100.0, 2, np.full(2, 1e-3))
+    found = least_squares([rows], np.arange(2))
+    assert found.parameters[1] > 1.0, "they share what one of them explains"
+    assert np.all(np.abs(found.parameters - [6.0, 0.0]) < 2.0 * found.deviations)

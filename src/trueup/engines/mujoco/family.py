@@ -107,10 +107,10 @@ class Articulated(Family):
         """See Family."""
         return model.sensors()
 
-    def in_units(self, model: Model, recordings: Sequence[Recording]) -> Sequence[Recording]:
+    def in_units(self, model: Model, recordings: Sequence[Recording], *, guessed: bool = False) -> Sequence[Recording]:
         """See Family: metres where a joint slides."""
         named, _ = named_as(with_joints_told(model, recordings)[0], model.counted(), self.others(model))
-        named, _ = by_the_only_joint(named, model.scalar_joints())
+        named, _ = by_the_only_joint(with_inertial_units(named)[0] if guessed else named, model.scalar_joints())
         return of_slides(model, with_units(model, named)[0])[0]
 
     def reads(self, recording: Recording) -> Collection[str]:

@@ -54,15 +54,15 @@ def least_squares(
         raise IdentificationError(f"{count} samples of {n} joints are too few for {len(act)} parameters")
     joint_weights = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
     start = np.zeros(rows[0].p) if prior is None else prior
-    parameters, normal = _solved(rows, act, joint_weights, start, strength, None)
+    parameters, normal, drawn = _solved(rows, act, joint_weights, start, strength, None)
     doubt = None
     if robust:
         for _ in range(8):
             doubt = [_huber(r.torque - r.predict(parameters)) for r in rows]
-            parameters, normal = _solved(rows, act, joint_weights, start, strength, doubt)
+            parameters, normal, drawn = _solved(rows, act, joint_weights, start, strength, doubt)
     errors = [r.torque - r.predict(parameters) for r in rows]
     noise = np.sqrt(sum(np.sum(e**2, axis=0) for e in errors) / count)
-    covariance = _sandwich(rows, act, joint_weights, errors, doubt, normal)
+    covariance = _sandwich(rows, act, joint_weights, errors, doubt, normal) + np.outer(drawn, drawn)
     return Estimate(parameters, covariance, act, noise, joint_weights)
 
 
@@ -124,8 +124,11 @@ def crossed(rows: Sequence[Rows], instruments: Sequence[Rows], active: Integers)
 
 def _solved(
     rows: Sequence[Rows], act: Integers, weights: Array, prior: Array, strength: float, doubt: Sequence[Array] | None
-) -> tuple[Array, Array]:
-    """(p,) parameters, and the inverse of their normal matrix (len(act), len(act))."""
+) -> tuple[Array, Array, Array]:
+    """(p,) parameters; the inverse of the normal matrix (len(act), len(act)) of what the data alone tell; (p,) how far from
+    what these tell the parameters are that are drawn to zero (A. E. Hoerl and R. W. Kennard, Technometrics 12(1), 1970: the
+    bias of a ridge), of which repeated logs would show nothing.
+    """
     parts = rows if doubt is None else [_scaled(r, np.sqrt(d)) for r, d in zip(rows, doubt, strict=True)]
     moments = moments_of(parts)
     gram, cross = (x.sum(axis=0) for x in moments.weighted(weights))
@@ -136,8 +139,12 @@ def _solved(
     parameters = np.zeros(len(prior))
     parameters[act] = x * inverse
     size = np.trace(gram[np.ix_(act, act)]) / len(act)
-    normal = np.linalg.inv(gram[np.ix_(act, act)] + size * np.diag(ridge))
-    return parameters, normal * inverse[:, None] * inverse
+    # What draws effects to zero tells nothing of them, though it makes them look certain.
+    alone = moments.with_shrinkage(0.0).weighted(weights)[0].sum(axis=0)[np.ix_(act, act)]
+    normal = np.linalg.inv(alone + size * np.diag(ridge))
+    drawn = np.zeros(len(prior))
+    drawn[act] = inverse * (normal @ (moments.shrink[act] * np.diag(alone) * x))
+    return parameters, normal * inverse[:, None] * inverse, drawn
 
 
 def _scaled(rows: Rows, by: Array) -> Rows:

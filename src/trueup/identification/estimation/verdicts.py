@@ -20,7 +20,7 @@ from trueup.samples import SLIGHT, rms
 
 SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""
-_SHARED = ("saturating", "hysteresis", "quadratic", "root", "asymmetric", "offset", "spring", *SPRINGS["strut"])
+_SHARED = ("saturating", "hysteresis", "quadratic", "root", "asymmetric", "offset", "load", "spring", *SPRINGS["strut"])
 """Effects that were kept because they predict, of which one may stand for another."""
 
 
@@ -34,6 +34,10 @@ def parameters_of(
     tree, known = model.tree, np.isfinite(model.tree.inertial).all()
     rows_of = {int(k): i for i, k in enumerate(base.independent)}
     shares, deviations, made = _shares(rows), estimate.deviations, []
+    # Coulomb friction, and what sets in with speed beside it, make up one curve of the same drive.
+    parted = {
+        owner for owner, effect in map(model.effect, map(int, estimate.active)) if effect and effect.kind in _SHARED
+    }
     for k in map(int, estimate.active):
         group = rows_of.get(k)
         owner, effect = model.effect(k)
@@ -41,7 +45,8 @@ def parameters_of(
         row = base.grouping[group] if group is not None else np.eye(model.p)[k]
         value, deviation = float(estimate.parameters[k]), float(deviations[k])
         wide = deviation if shared is None else float(np.hypot(deviation, shared[k]))
-        alone, verdict = (_verdict(value, x, float(shares[k]), kind) for x in (deviation, wide))
+        apart = kind in _SHARED or (kind == "coulomb" and owner in parted)
+        alone, verdict = (_verdict(value, x, float(shares[k]), apart) for x in (deviation, wide))
         made.append(
             Parameter(
                 name=model.names[k] if group is None else base.names[group], unit=model.units[k], kind=kind,
@@ -76,13 +81,13 @@ def advice(
     return tuple(said)
 
 
-def _verdict(value: float, deviation: float, share: float, kind: str) -> str:
+def _verdict(value: float, deviation: float, share: float, apart: bool) -> str:
     relative = deviation / abs(value) if value else np.inf
     if relative <= SURE:
         return "identified"
     if (abs(value) + 2.0 * deviation) * share < SLIGHT:  # of the torque that its joint carries in these motions
         return "small"
-    return "roughly" if relative <= ROUGH else "shared" if kind in _SHARED else "not seen"
+    return "roughly" if relative <= ROUGH else "shared" if apart else "not seen"
 
 
 def _shares(rows: Sequence[Rows]) -> Array:
