@@ -230,6 +230,15 @@ def test_a_position_that_cannot_follow_its_command_so_is_refused(factor: float, 
         identify_actuator([one.with_channel(followed)], bench=BENCH)
 
 
+def test_numbers_that_nobody_called_angles_are_refused() -> None:
+    log = logged(TRUTH, "sines", np.random.default_rng(3))
+    bare = [
+        log.channel(name).replace(unit="", values=300.0 * log.channel(name).values) for name in ("command", "position")
+    ]
+    with pytest.raises(RecordingError, match=r"position of '\w+', which reaches .* no unit: say in the mapping"):
+        runs_of([log.with_channel(bare[0]).with_channel(bare[1])], BENCH)
+
+
 def test_what_was_left_out_when_a_log_was_read_is_said() -> None:
     (one,) = recordings(TRUTH, ("sines",))
     read = one.replace(provenance={"warnings": "sines.csv: 3 rows were left out"})

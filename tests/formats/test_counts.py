@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -31,3 +32,13 @@ def test_other_whole_numbers_are_left_to_the_user(tmp_path: Path, largest: int) 
     numbers = np.round(np.linspace(0, largest, 50))
     (recording,) = read(_csv(tmp_path / "log.csv", numbers, numbers))
     assert recording.channel("position").unit == ""
+
+
+def test_counts_of_few_bits_are_left_to_the_user_with_what_they_may_be(tmp_path: Path) -> None:
+    counts = np.round(240.0 * np.sin(np.arange(100) / 9.0) + 512)
+    (recording,) = read(_csv(tmp_path / "ax.csv", counts, counts))
+    assert recording.channel("position").unit == recording.channel("command").unit == ""
+    said = recording.provenance["guesses"]
+    scale, offset = (float(x) for x in re.findall(r"scale = ([\d.]+), offset = (-[\d.]+) for 1023 in 300", said)[0])
+    assert scale * 512 + offset == pytest.approx(0.0, abs=0.01)
+    assert scale * 1023 == pytest.approx(300.0, abs=0.01)

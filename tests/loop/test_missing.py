@@ -102,7 +102,7 @@ def test_nominal_values_that_cannot_be_simulated_are_no_place_to_look_from(
         return fit(*given, stages=stages, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr("trueup.loop.missing.fit", failing)
-    monkeypatch.setattr("trueup.loop.missing.HALVED", 0.0)  # as if the fit had not got far from there
+    monkeypatch.setattr("trueup.loop.missing.explained", lambda residual: False)  # as if nothing that was found did
     assert "play and twist of gears" in calibrated(tmp_path, GEAR).lacking
 
 
@@ -184,3 +184,34 @@ def test_a_link_that_is_heavier_than_its_file_is_named(tmp_path: Path) -> None:
     assert float(found.lacking.partition("fore.mass ")[2].split()[0]) == pytest.approx(1.4, rel=0.05)
     for e in found.estimates:
         assert e.verdict != "identified" or e.low <= TRUTH[e.name.rpartition(".")[2]] <= e.high
+
+
+CARRYING = """
+<mujoco><option integrator="implicitfast"/><worldbody>
+<body name="upper"><joint name="a" axis="0 1 0" damping="1" frictionloss=".5" armature=".1"/>
+  <inertial pos="0 0 .13" mass="2.6" diaginertia=".02 .02 .004"/>
+  <body name="fore" pos="0 0 .3"><joint name="b" axis="0 1 0" damping=".6" frictionloss=".3" armature=".06"/>
+    <inertial pos="0 0 .1" mass="1.4" diaginertia=".008 .008 .002"/>
+    <body name="payload" pos="0 0 .3"><inertial pos="0 0 0" mass="{load}" diaginertia="{spread} {spread} {spread}"/></body>
+</body></body>
+</worldbody><actuator><position name="a" joint="a" kp="{a}" kv="8"/><position name="b" joint="b" kp="{b}" kv="4"/></actuator>
+</mujoco>"""
+
+
+def test_a_payload_of_which_the_file_has_next_to_nothing_is_named_with_its_mass(tmp_path: Path) -> None:
+    (tmp_path / "truth.xml").write_text(CARRYING.format(load=2.4, spread=0.012, a=160, b=75))
+    (tmp_path / "arm.xml").write_text(CARRYING.format(load=0.2, spread=0.001, a=120, b=80))
+    (tmp_path / "own.toml").write_text(
+        "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\n' for q in ("kp", "kv", "friction"))
+    )
+    robot, rng, time = prepare(tmp_path / "truth.xml", (), propose=False).simulator, np.random.default_rng(5), TIME[::2]
+    waves = [0.5 + 0.5 * np.sin(2.0 * np.pi * f * time + p) for f, p in ((0.4, 1.0), (0.9, 2.0))]
+    command = Channel("command", ("a", "b"), "rad", time, np.stack(waves, axis=1))
+    run = Recording("one", {"command": command, "position": command.replace(name="position")})
+    (seen,) = robot.rollout([Trial.of(run)], np.zeros((1, 0)))
+    measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(time), 2))
+    log = Recording("one", {"command": command, "position": Channel("position", ("a", "b"), "rad", time, measured)})
+    ready = prepare(tmp_path / "arm.xml", [log], parameters=tmp_path / "own.toml", refuse=["zero"])
+    found = ready.calibrate(Options(cross_validate=False, stages=DESCENT))
+    assert "payload.mass 2.4" in found.lacking
+    assert all(e.low < true < e.high for e, true in zip(found.estimates[:2], (160.0, 75.0), strict=True))

@@ -19,7 +19,7 @@ from trueup.inspection.settings import at_other_voltages, with_steady_gains
 from trueup.inspection.suspicions import at_odds
 from trueup.instant import usual_step
 from trueup.noise import estimate_noise
-from trueup.recording import Recording, warnings_of
+from trueup.recording import Channel, Recording, warnings_of
 from trueup.rounding import TINY
 from trueup.samples import between, held_integral, in_force
 from trueup.trial import ENABLED, command_of
@@ -207,6 +207,7 @@ def _run(recording: Recording, bench: Bench, gains: Gains, joint: str) -> Run:
             f"({', '.join(shared) or 'none'}); say which with --joint"
         )
     label = joint or shared[0]
+    _check_angles(recording, label, (position, told))
     measured, command = position.column(label), told.column(label)
     good = np.isfinite(measured)
     if good.sum() < 10:
@@ -224,6 +225,18 @@ def _run(recording: Recording, bench: Bench, gains: Gains, joint: str) -> Run:
         recording.name, carried, gain, told.time - zero, held, held_integral(told.time, held[:, None])[:, 0], on, time,
         measured, _lines(time, measured), noise if noise > 0.0 else 1e-6, _output(recording, position.time[good], label),
     )  # fmt: skip
+
+
+def _check_angles(recording: Recording, label: str, channels: Sequence[Channel]) -> None:
+    """Raises RecordingError for numbers of which nobody knows how many rad they are: a law would be fitted to any."""
+    for channel in channels:
+        if (unit := channel.unit_of(label)) != "rad":
+            most = np.nanmax(np.abs(channel.column(label)))
+            raise RecordingError(
+                f"recording '{recording.name}': {channel.name} of '{label}', which reaches {most:.4g}, has "
+                f"{f'the unit {unit}, which is no angle' if unit else 'no unit'}: say in the mapping what it is "
+                '(trueup inspect writes one): "deg", "rev", ..., with scale and offset for counts of an encoder'
+            )
 
 
 def _lines(time: Array, position: Array) -> Array:

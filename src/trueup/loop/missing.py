@@ -9,7 +9,7 @@ else has made up for it?), the best of them by a fit, and kept by the rule of ev
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from trueup.arrays import Array
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
-from trueup.evidence import EXCERPT, HALVED, Evidence, explained
+from trueup.evidence import EXCERPT, Evidence, explained
 from trueup.loop.descent import Fit, Watch
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
@@ -29,7 +29,6 @@ from trueup.loop.since import Known, since
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
-from trueup.search.robust import robust_losses
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +44,8 @@ class Missing:
     shown: Evidence
     stands: bool = False
     """Whether an earlier calibration found it, and it was not fitted anew."""
+    explains: bool = False
+    """Whether the recordings are replayed to about their noise with it."""
 
     def lacked(self, fitted: Iterable[str]) -> Lacked:
         """The same for calibrations to come; `fitted` are the names of the simulator's free parameters."""
@@ -88,8 +89,13 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
     without, tried = cautious_errors(part, found, by_stretch(part)), []
     for place, stages in _places_to_look_from(part, found):
-        looks = came.looks if came is not None and place is found else Scan.of(part, place).favoured(structures)
-        tried += _tried(part, place, looks, structures, stages, without)
+        if any(m.explains for m in tried):
+            break
+        scan = Scan.of(part, place) if place is found else Scan.as_it_is(part, place)
+        looks = came.looks if came is not None and place is found else scan.favoured(structures)
+        asked = {frozenset(p.name for p in m.parameters) for m in tried}
+        new = [look for look in looks if frozenset(look.sizes) not in asked]
+        tried += _tried(part, place, new, structures, stages, without)
     holding = [m for m in tried if m.shown.holds]
     return max(holding or tried, key=lambda m: m.shown.gain, default=None)
 
@@ -111,22 +117,21 @@ def _structures(problem: Problem) -> dict[str, Simulator]:
     return {} if related is None else dict(related.structures())
 
 
-def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequence[Stage]]]:
-    """Where a fit ended, and where it began if it did not get far from there: what the model lacks has led it astray, and
-    nothing can be seen from where it is.
+def _places_to_look_from(part: Problem, found: Fit) -> Iterator[tuple[Fit, Sequence[Stage]]]:
+    """Where a fit ended; and where it began, for as long as nothing that was found explains the recordings: what the model
+    lacks has led the fit astray, and what it is cannot be seen from where that ended. A payload that nobody declared is
+    plain with the gains of the file, and among those that were found in its place many links look wrong.
     """
+    yield found, REFINEMENT
     first = np.where(found.space.free, found.space.nominal, found.values)
-    least = robust_losses(problem.residuals(first[None]), found.bend)[0]  # by a bend of its own it is no lower
-    if not found.loss > HALVED**2 * least:
-        return [(found, REFINEMENT)]
     try:
-        begun = fit(problem, found.space, first, Watch(), stages=SHIPPED)
+        begun = fit(part, found.space, first, Watch(), stages=SHIPPED)
     except (
         SimulationFailedError,
         CalibrationError,
     ):  # nominal values beside what was set since
-        return [(found, REFINEMENT)]
-    return [(found, REFINEMENT), *([(begun, DESCENT)] if found.loss > HALVED**2 * begun.loss else [])]
+        return
+    yield begun, DESCENT
 
 
 def _tried(
@@ -170,5 +175,6 @@ def _still(known: Known, found: Fit, structures: Mapping[str, Simulator]) -> Mis
 
 def _missing(problem: Problem, look: Look, grown: Fit, shown: Evidence) -> Missing:
     low, high = intervals(grown, unit_covariance(problem, grown))
-    parameters = tuple(p for p in grown.space.parameters if p.name in look.sizes)
-    return Missing(look.name, parameters, grown.values[grown.space.free], low, high, shown)
+    parameters = tuple(p for p in grown.space.parameters[len(look.own) :] if not p.frozen)
+    values = grown.values[grown.space.free]
+    return Missing(look.name, parameters, values, low, high, shown, explains=explained(grown.residual))

@@ -71,6 +71,12 @@ class Scan:
         own, pull = slopes[rows], slopes.T @ error - slopes[rows].T @ error[rows]
         return cls(part, found, chance, root[rows], own, pull, inverse)
 
+    @classmethod
+    def as_it_is(cls, problem: Problem, begun: Fit) -> Scan:
+        """With all else as it stands: where a search begins, far from any recording, slopes foretell nothing."""
+        root, none = np.sqrt(begun.weights), np.zeros((len(begun.residual), 0))
+        return cls(problem, begun, problem.chance(begun.residual), root, none, np.zeros(0), np.zeros((0, 0)))
+
     def left(self, residual: Array) -> float:
         """The loss of residuals (m,) once all else has settled."""
         error = residual * self._root
@@ -128,5 +134,5 @@ def _places(p: Parameter) -> Array:
     """(P,) values at which a parameter is looked at."""
     if p.nominal <= p.lower:
         return p.nominal + SIZES * (p.upper - p.nominal)
-    large = SIZES[-2:]  # to either side of what a model has
+    large = np.append(SIZES[-2:], 0.5)  # to either side of what a model has; half the way to what it may carry
     return np.concatenate([p.nominal - large * (p.nominal - p.lower), p.nominal + large * (p.upper - p.nominal)])

@@ -21,6 +21,7 @@ from trueup.calibration import Estimate, Nuisance
 from trueup.engines.simulator import related_of
 from trueup.evidence import EXCERPT, half_interval
 from trueup.loop.descent import Fit
+from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import FORETOLD
 from trueup.parameters import Parameter
@@ -64,6 +65,11 @@ class Considered:
     def words(self, e: Estimate, trade: float) -> str:
         """What is seen of an estimate, as far as its own interval tells, and where the rest is."""
         p, size = self.parameter, abs(trade)
+        if p.name == STEP and self.high > p.nominal:
+            return (
+                f"known to {1e3 * p.nominal:.3g} ms only, a step of the simulation: what a jump does, it does there wherever "
+                "in a step it comes; a finer --step tells more"
+            )
         if p.name == STEP:
             return (
                 f"replays best at the model's step of {1e3 * p.nominal:.3g} ms; with ever finer ones it would be about "
@@ -116,7 +122,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
             if not p.told:
                 low, high = _within_bounds(p, trade, fit)
             found.append(Considered(p, trade, low, high, left, pull, calibrated=k < len(free)))
-    return (*found, *_of_step(part, fit, seen, settled))
+    return (*found, *_of_step(part, fit, seen, settled), *_of_stairs(problem, fit, settled))
 
 
 def _within_bounds(p: Parameter, trade: Array, fit: Fit) -> tuple[float, float]:
@@ -146,6 +152,27 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     moved = _settled(twin, fit, direct, own, finer) - fit.values[fit.space.free]
     whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved, 0.0)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step), 0.0, step, left, pull)]
+
+
+def _of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Considered]:
+    """What times owe to the step that act from one step to the next, where slopes over a step do not lead along them: where
+    commands jump and forces saturate all places within a step replay alike, and any of them may be the robot's.
+    """
+    step, free = problem.simulator.step, [p for p in fit.space.parameters if not p.frozen]
+    times = [k for k in settled if free[k].unit == "s" and free[k].scale != "log"]
+    found = []
+    for k in times:
+        unit = np.zeros(len(free))
+        unit[k] = step / (free[k].upper - free[k].lower)
+        points = np.clip(fit.unit + np.outer([1.0, -1.0], unit), 0.0, 1.0)
+        if unexplained(points, problem.residuals(fit.space.from_unit(points)), fit.jacobian) >= ROUGH:
+            nothing = np.zeros(0)
+            found.append(
+                Considered(
+                    Parameter(STEP, "s", step, 0.0, 2.0 * step), (unit > 0.0) * 1.0, 0.0, 2.0 * step, nothing, 0.0
+                )
+            )
+    return found
 
 
 def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -> Array:
