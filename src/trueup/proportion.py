@@ -63,24 +63,9 @@ class Proportion:
                 # What a drive takes is known beside the torque of its own motor, which may be off by itself, too.
                 drive = each.get(self.of[e.name])
                 logs, more = ([mean], half) if drive is None else ([mean, np.log(drive.value)], _half(drive))
-                e = self._either(e, np.exp(-np.array(logs)), more)
+                e = either(e, np.exp(-np.array(logs)), more, self.bodies)
             told.append(e)
         return tuple(told), (self._said(estimates),) if abs(mean) > half else ()
-
-    def _either(self, e: Estimate, times: Array, half: float) -> Estimate:
-        """An estimate that may be so many times as large, each with half of an interval on a log scale."""
-        down, up = (float(np.hypot((end - e.value) / e.value, half)) for end in (e.low, e.high))
-        low = min(e.low, max(e.value * float(times.min()) * (1.0 - down), e.lower_bound))
-        high = max(e.high, min(e.value * float(times.max()) * (1.0 + up), e.upper_bound))
-        wide = replace(e, low=low, high=high)
-        if e.verdict not in ("identified", "weak") or not e.high - e.low < HALVED * (high - low):
-            return wide
-        note = (
-            f"{e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip()
-            + f" if the masses in the file are right ({listed(self.bodies)}), about {e.value * float(times[-1]):.4g} if the "
-            "torques are what was logged"
-        )
-        return replace(wide, verdict="tied", note=note)
 
     def _said(self, estimates: Sequence[Estimate]) -> str:
         found = [e.value for e in estimates if e.name in self.factors]
@@ -92,6 +77,24 @@ class Proportion:
             f"these bodies are about {times:.3g} times as heavy, and masses, friction, damping and inertia that were found "
             "as many times as large. Weigh one of them, and correct the file"
         )
+
+
+def either(e: Estimate, times: Array, half: float, bodies: Sequence[str] = ()) -> Estimate:
+    """An estimate that may be so many times as large, each with half of an interval on a log scale, or as it is where the
+    masses of `bodies` are right; () stands for all in the file.
+    """
+    down, up = (float(np.hypot((end - e.value) / e.value, half)) for end in (e.low, e.high))
+    low = min(e.low, max(e.value * float(times.min()) * (1.0 - down), e.lower_bound))
+    high = max(e.high, min(e.value * float(times.max()) * (1.0 + up), e.upper_bound))
+    wide = replace(e, low=low, high=high)
+    if e.verdict not in ("identified", "weak") or not e.high - e.low < HALVED * (high - low):
+        return wide
+    note = (
+        f"{e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip()
+        + f" if the masses in the file are right{f' ({listed(bodies)})' if bodies else ''}, about "
+        f"{e.value * float(times[-1]):.4g} if the torques are what was logged"
+    )
+    return replace(wide, verdict="tied", note=note)
 
 
 def _half(e: Estimate) -> float:
@@ -107,11 +110,21 @@ class Weighed(Protocol):
         """Of those parameters that `space` leaves free; None where something else tells how large they are."""
         ...
 
+    def grown(self, space: ParameterSpace) -> Mapping[str, str]:
+        """What of those grows with the masses, by name, each with the joint that it is of, "" where that is several."""
+        ...
+
 
 def proportion_of(simulator: object, space: ParameterSpace) -> Proportion | None:
     """See `Weighed`: of the simulator itself, not of an approximation or a restricted view of it."""
+    own = weighed(simulator)
+    return None if own is None else own.proportion(space)
+
+
+def weighed(simulator: object) -> Weighed | None:
+    """The simulator itself that knows, behind approximations and restricted views of it."""
     while not isinstance(simulator, Weighed):
         simulator = getattr(simulator, "whole", None)
         if simulator is None:
             return None
-    return simulator.proportion(space)
+    return simulator

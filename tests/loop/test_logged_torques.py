@@ -54,3 +54,22 @@ def test_torques_that_were_not_compared_are_said_beside_the_models(tmp_path: Pat
     assert float(ratio) == pytest.approx(1.25, rel=0.03)
     assert not beside_logged(simulator, nominal, ready.recordings, ["position", "torque"])
     assert not beside_logged(simulator, nominal, [log.without("torque")])
+
+
+def test_estimates_hold_what_the_logged_torques_say_where_a_file_is_too_light(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(_file(1.0))
+    (tmp_path / "gains.toml").write_text(
+        "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\nlower = 0.01\nupper = 40.0\n' for q in ("kp", "kv"))
+    )
+    ready = prepare(tmp_path / "arm.xml", [_robot()], parameters=tmp_path / "gains.toml", refuse=["zero"])
+    (kp, kv) = ready.calibrate().estimates
+    assert kp.value == pytest.approx(10.0, rel=0.02), "as the file's masses have it"
+    assert kp.verdict == kv.verdict == "tied"
+    assert kp.low < 10.0 < 12.5 < kp.high
+    assert kv.low < 0.3 < 0.375 < kv.high
+    (other,) = re.findall(r"about ([\d.]+) if the torques are what was logged", kp.note)
+    assert float(other) == pytest.approx(12.5, rel=0.03)
+    ready = prepare(
+        tmp_path / "arm.xml", [_robot().without("torque")], parameters=tmp_path / "gains.toml", refuse=["zero"]
+    )
+    assert ready.calibrate().estimates[0].verdict == "identified", "nothing speaks against the masses"

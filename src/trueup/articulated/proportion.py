@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which parameters of a robot of joints and links grow with the masses of its model, where motors are told torques."""
+"""Which parameters of a robot of joints and links grow with the masses of its model."""
 
 from __future__ import annotations
 
@@ -13,6 +13,16 @@ from trueup.proportion import Proportion
 
 _FORCES = ("N", "kg")
 """How units begin of what grows with the masses: forces, stiffnesses, damping, masses, inertias."""
+
+
+def grown(model: Model, space: ParameterSpace, assignments: Sequence[Assignment]) -> dict[str, str]:
+    """What of `space` grows with the masses, by name, each with the joint that it is of, "" where that is several or none."""
+    joints, found = {drive: joint for joint, drive in model.drives().items() if drive}, {}
+    for p, a in zip(space.parameters, assignments, strict=False):
+        if not p.frozen and p.unit.startswith(_FORCES) and a.quantity.family in ("joint", "actuator"):
+            of = {joints.get(target, target) for target in a.targets}
+            found[p.name] = of.pop() if len(of) == 1 else ""
+    return found
 
 
 def proportion(model: Model, space: ParameterSpace, assignments: Sequence[Assignment]) -> Proportion | None:

@@ -30,6 +30,7 @@ from trueup.loop.held import held_open
 from trueup.loop.horizon import cut_for_search
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.limits import limits_seen, limits_untold
+from trueup.loop.logged_torques import with_logged
 from trueup.loop.missing import missing, unasked_by
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
@@ -230,6 +231,8 @@ def _findings(
     measured = any("torque" in t.observed for t in problem.trials)
     grown = None if measured else proportion_of(problem.simulator, found.space)
     told, masses = (told, ()) if grown is None else grown.applied(told)
+    if not measured:
+        told = with_logged(told, problem.simulator, found.values, problem.recordings)
     return {
         "model_name": problem.simulator.name,
         "estimates": told,

@@ -169,7 +169,12 @@ def _of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Consi
             nothing = np.zeros(0)
             found.append(
                 Considered(
-                    Parameter(STEP, "s", step, 0.0, 2.0 * step), (unit > 0.0) * 1.0, 0.0, 2.0 * step, nothing, 0.0
+                    Parameter(STEP, "s", step, 0.0, 2.0 * step),
+                    (unit > 0.0).astype(float),
+                    0.0,
+                    2.0 * step,
+                    nothing,
+                    0.0,
                 )
             )
     return found

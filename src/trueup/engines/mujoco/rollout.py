@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -16,7 +16,7 @@ from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment, acts_in_each_step, needs
 from trueup.articulated.declarations import Declaration, alike, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
-from trueup.articulated.proportion import proportion
+from trueup.articulated.proportion import grown, proportion
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import joints_commanded
@@ -149,6 +149,10 @@ class MujocoSimulator:
     def proportion(self, space: ParameterSpace) -> Proportion | None:
         """See `trueup.proportion.Weighed`."""
         return proportion(self.model, space, self.quantities)
+
+    def grown(self, space: ParameterSpace) -> Mapping[str, str]:
+        """See `trueup.proportion.Weighed`."""
+        return grown(self.model, space, self.quantities)
 
     def _with(self, lines: Sequence[Declaration], led: Set[str] = frozenset()) -> MujocoSimulator | None:
         """The same with further parameters behind its own, where it can have any; no motion tells those of joints `led`."""
