@@ -61,3 +61,17 @@ def test_a_mapping_with_the_models_labels_and_no_units_is_read(logged: Path) -> 
     assert runs[0].channel("imu_angular_velocity").labels[0] == "gyro.x"
     ready = prepare("gantry.xml", runs)
     assert any('say unit = "rad/s" of it' in note for note in ready.notes), "of a gyro by its labels, too"
+
+
+def test_the_only_joint_of_a_model_is_no_other_one_under_a_mapping_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.xml").write_text("""<mujoco><worldbody><body><joint name="horn" axis="0 1 0"/><geom size=".1"/></body>
+</worldbody><actuator><position joint="horn" kp="9"/></actuator></mujoco>""")
+    time = np.arange(0.0, 3.0, 0.02)
+    rows = np.stack([time, np.sin(time), np.sin(time)], axis=1)
+    np.savetxt("log.csv", rows, delimiter=",", header="t,goal_position,position", comments="")
+    assert main(["inspect", "log.csv"]) == main(["inspect", "log.csv", "--model", "bench.xml"]) == 0
+    assert "[horn]" in (said := capsys.readouterr().out)
+    assert "has no joint" not in said

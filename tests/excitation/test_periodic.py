@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup import load_tree
 from trueup.errors import IdentificationError, ModelError, UnknownNameError
 from trueup.excitation.cell import Cell
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.design import Options, design
-from trueup.excitation.expectation import expectations
+from trueup.excitation.expectation import _advice, expectations
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier, Sines, at_rest, joint_box
 from trueup.excitation.planner import ViaPoints
@@ -283,3 +285,21 @@ def test_what_the_file_says_is_expected_to_be_known_as_far_as_a_fit_takes_it_fro
     assert np.all(quiet > 0.99), "what the log tells well the file changes"
     assert np.all(loud < 1.0 + 1e-6)
     assert np.median(loud) < 0.5, "what the log does not tell is not taken from the file"
+
+
+def test_what_hangs_on_an_upright_axis_is_not_to_be_told_by_gravity(tmp_path: Path) -> None:
+    link = (
+        '<link name="{}"><inertial><origin xyz=".1 0 0"/><mass value="2"/>'
+        '<inertia ixx=".01" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    joint = (
+        '<joint name="j{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz=".3 0 0"/><axis xyz="{}"/>'
+        '<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>'
+    )
+    for axis, said in (("0 0 1", "gravity does not show it"), ("0 1 0", "so that gravity tells it")):
+        links = "".join(link.format(name) for name in "abcdef")
+        joints = "".join(joint.format(k, *pair, axis) for k, pair in enumerate(("ab", "bc", "cd", "de", "ef")))
+        (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+        model = DynamicModel.of(load_tree(tmp_path / "arm.urdf"), [])
+        column = model.names.index("mc2x")
+        assert said in _advice(model, column, 1.0, 10.0, 5.0)

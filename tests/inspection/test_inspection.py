@@ -157,6 +157,13 @@ def test_large_angles_are_suspected_to_be_degrees() -> None:
     assert 'unit = "deg"' in sentence
 
 
+def test_whole_numbers_are_suspected_to_be_counts() -> None:
+    counts = recording(channel("position", np.round(200.0 * angle() + 512.0), unit=""))
+    (sentence,) = (x for x in inspect(counts).suspicions if "suspected" in x)
+    assert "counts of an encoder, degrees suspected" in sentence
+    assert "with scale and offset for counts" in sentence
+
+
 @pytest.mark.parametrize(
     ("factor", "word"), [(180.0 / np.pi, "degrees"), (60.0 / (2.0 * np.pi), "revolutions per minute"), (-1.0, "sign")]
 )

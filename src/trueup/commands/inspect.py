@@ -62,8 +62,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None, joints=joints)
     said += other
     of_joints = args.model if joints is not None else None  # a vehicle has none to be named
-    said += _unknown(recordings, of_joints) if of_joints is not None and mapping is not None else []
     shown, doubts = _seen_by(args.model, recordings, mapping is None) if args.model is not None else (recordings, ())
+    said += _unknown(shown, of_joints) if of_joints is not None and mapping is not None else []
     said += [*doubts, *on_other_clocks(shown)]
     found = [inspect(r) for r in shown]
     written = None

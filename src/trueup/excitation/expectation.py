@@ -166,6 +166,14 @@ def _typical(model: DynamicModel, torque: Array, limits: JointLimits) -> Array:
     return np.maximum(size, ROUNDED)
 
 
+def _weighs(model: DynamicModel, column: int) -> bool:
+    """Whether a combination makes any torque in an arm that stands still."""
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, model.tree.n))
+    still = np.zeros_like(q)
+    torque = model.rows(np.arange(20.0), q, still, still).dense()[:, :, column]
+    return bool(np.abs(torque).max() > ROUNDED)
+
+
 def _advice(model: DynamicModel, column: int, gain: float, wide_percent: float, percent: float) -> str:
     """What would bring a combination nearer to what was asked; `gain`: how much better wide motions see it."""
     drive, n = model.effect(column)[0], model.tree.n
@@ -178,4 +186,6 @@ def _advice(model: DynamicModel, column: int, gain: float, wide_percent: float, 
         if drive >= n - 3:
             return "carry a payload to see it: without one it makes hardly any torque"
         return f"accelerate {joint} and its neighbours harder"
+    if not _weighs(model, column):  # about an upright axis, as a SCARA's
+        return f"move {joint} and its neighbours fast in more postures: gravity does not show it"
     return f"hold {joint} in more postures, so that gravity tells it"

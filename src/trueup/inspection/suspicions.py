@@ -74,9 +74,12 @@ def _too_large(recording: Recording) -> Iterator[str]:
         if name.startswith("command") and not channel.unit:
             suspected = "percent of a range, pulses or degrees"
         geared = ", or the angle of a motor before its gear" if unit == "rad" else ""
+        counted = ""
+        if unit == "rad" and not channel.unit and not np.any(np.nan_to_num(channel.values) % 1.0):
+            suspected, counted = f"counts of an encoder, {suspected}", ", with scale and offset for counts"
         yield (
             f"{name}: {channel.labels[worst]} reaches {reached}: {suspected} suspected{geared}. "
-            f'If so, set unit = "{written}" in the mapping'
+            f'If so, set unit = "{written}" in the mapping{counted}'
         )
 
 
