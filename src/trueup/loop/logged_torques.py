@@ -16,7 +16,7 @@ from trueup.arrays import Array
 from trueup.calibration import Estimate
 from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError
-from trueup.evidence import half_interval, jackknife, without_each
+from trueup.evidence import FEWEST_PARTS, half_interval, jackknife, without_each
 from trueup.loop.replay import replays
 from trueup.proportion import either, weighed
 from trueup.recording import Recording
@@ -25,10 +25,6 @@ from trueup.rounding import TINY
 _TORQUE = "torque"
 _MOST = 4.0
 """Times that masses may be what a file says (see the quantity `mass`): torques that are further off are in another unit."""
-
-
-_PARTS = 16
-"""Stretches of each recording that are left out in turn."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ def ratios(
             seen, own = replay.measured[:, k], replay.after[:, k]
             good = np.isfinite(seen) & np.isfinite(own)
             both = np.stack([(seen * own)[good], (own * own)[good]], axis=1)
-            sums.setdefault(label, []).extend(part.sum(axis=0) for part in np.array_split(both, _PARTS))
+            sums.setdefault(label, []).extend(part.sum(axis=0) for part in np.array_split(both, FEWEST_PARTS))
     each = {label: np.array(parts) for label, parts in sums.items()}
     return {label: _ratio(parts) for label, parts in each.items() if parts[:, 1].sum() > 0.0}
 
