@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.special import chdtri, fdtr
 
 from trueup.arrays import Array, Integers
@@ -125,8 +124,11 @@ class _File:
     def _solved(self, Z: Array, off: float) -> tuple[Array, Array, float]:
         """Coefficients of Z, their covariance, and what is left of squares, for bodies that are so far off."""
         V = self.covariance + off**2 * self.spread
-        root = np.linalg.cholesky(V + ROUNDED * np.diag(np.diag(V)))
-        Z, y = (scipy.linalg.solve_triangular(root, x, lower=True) for x in (Z, self.difference))
+        deviations = np.maximum(np.sqrt(np.diag(V)), NEGLIGIBLE)
+        # What nothing tells has variances so large that rounding leaves others none, or less.
+        sizes, axes = np.linalg.eigh(V / deviations[:, None] / deviations)
+        whitening = (axes / np.sqrt(np.maximum(sizes, ROUNDED))).T / deviations
+        Z, y = whitening @ Z, whitening @ self.difference
         size = np.maximum(np.linalg.norm(Z, axis=0), NEGLIGIBLE)
         back = np.linalg.pinv(Z / size, rcond=ROUNDED) / size[:, None]
         x = back @ y
