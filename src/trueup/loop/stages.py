@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.evidence import explained
+from trueup.evidence import HALVED, explained
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, last_look
 from trueup.loop.disturbed import LeftOut, disturbed, seen_by
@@ -46,8 +46,7 @@ class Run:
     """Whether joints have been searched one by one."""
     looks: int = 0
     """Looks gone through so far."""
-    look: Look = field(init=False)
-    """The last of them."""
+    look: Look = field(init=False)  # the last of them
     later: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
     """Structures that are frozen at zero and wait for the fit without them: their parameters as declared, by name."""
     starts: Starts | None = None
@@ -170,15 +169,16 @@ def coarse_step(run: Run) -> None:
 
 
 def longer_parts(run: Run) -> None:
-    """Where the first part is replayed to its noise, and all is not: from there through parts that grow little by little. A
-    loss over more time has more valleys, and the one that a short part leads into goes on as the part grows (A. H. Ribeiro et
-    al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
+    """Where the first part is replayed to its noise, and all is neither that nor replayed as well: from there through parts
+    that grow little by little. A loss over more time has more valleys, and the one that a short part leads into goes on as
+    the part grows (A. H. Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
     """
     found, look, begin = run.descent.search, run.look if run.looks else None, run.short
     if begin is None or found is None or look is None or look.problem.duration < run.problem.duration:
         return
     run.short, before = None, run.descent
-    if found.residual is None or explained(found.residual):
+    first = run.first.residuals(begin[None])[0]
+    if found.residual is None or HALVED**2 * np.mean(found.residual**2) < max(np.mean(first**2), HALVED**2):
         return
     run.descent = replace(before)
     run.descent.restart(np.clip(before.space.to_unit(begin), 0.0, 1.0))
