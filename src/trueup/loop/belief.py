@@ -14,6 +14,8 @@ from trueup.errors import ParameterError
 from trueup.parameters import ParameterSpace
 from trueup.verdicts import PRIOR
 
+UNSEEN = 0.1
+"""Standard deviation, as a share of its range, of a parameter that the recordings could not tell."""
 _BLIND = ("not identified", "no effect")
 
 
@@ -108,7 +110,7 @@ class Belief:
         slope = _slopes(space, values)[fitted]
         told = np.asarray(covariance).reshape(len(slope), -1) / np.outer(slope, slope)
         whole[np.ix_(fitted, fitted)] = told - told @ np.linalg.solve(told + np.eye(len(told)) / PRIOR, told)
-        whole[blind, blind] = 1.0 / PRIOR
+        whole[blind, blind] = UNSEEN**2
         owing = None if nuisance is None else _Owing.of(space, fitted, nuisance)
         return cls(space, np.asarray(values, dtype=np.float64), unsure, whole[np.ix_(unsure, unsure)], owing)
 
