@@ -10,9 +10,10 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import TrialError
-from trueup.instant import STILL
 from trueup.recording import Channel
 from trueup.trial import LOOK, Observed, Trial
+
+_FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown out of something
 
 
 def settled(
@@ -22,8 +23,7 @@ def settled(
     """'position', 'base_position' and 'base_orientation' of a robot that rests in `pose` (k,), in rad.
 
     It is let down from each of `heights` of its base, in m, above `at` (x, y) and turned by `roll` and `pitch` rad, and
-    holds the pose for `seconds`; the lowest height from which nothing throws it up (by `STILL`), and from which it comes
-    to rest, counts.
+    holds the pose for `seconds`; the lowest height from which nothing throws it up, and from which it comes to rest, counts.
     Raises TrialError where the pose penetrates something at all of them, or does not come to rest.
     """
     together = 4  # heights tried at once: an engine may take its time for each
@@ -36,7 +36,7 @@ def settled(
         ]
         for rollout, z in zip(simulator.rollout(trials, simulator.parameters.nominal[None]), some, strict=True):
             broken += rollout.failures.values()
-            if not rollout.failures and rollout.channels["base_position"][0, :, 2].max() < z + STILL:
+            if not rollout.failures and rollout.channels["base_position"][0, :, 2].max() < z + _FLOOR:
                 try:
                     return _at_rest(rollout, name)
                 except TrialError as error:
