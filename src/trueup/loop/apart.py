@@ -23,6 +23,9 @@ from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 
 GLANCE = 2.5  # s: the least of each recording that a first look takes
+_MOVED = (
+    0.2  # share of the box by which parameters are moved to see what they change: a limit has no slope until it is met
+)
 
 
 @dataclass(frozen=True)
@@ -94,12 +97,11 @@ def _search(space: ParameterSpace, start: Array, part: Part, robust: float, tole
 
 
 def parts_of(problem: Problem, space: ParameterSpace, starts: Sequence[Array]) -> list[Part]:
-    """The signals that have parameters of their own, seen from any of the starts by going half way to the further bounds."""
+    """The signals that have parameters of their own, seen from any of the starts."""
     names, label = labelled(problem.segments)
     changed = np.zeros((int(space.free.sum()), len(names)), dtype=bool)
     for start in starts:
-        half = 0.5 * (np.where(start > 0.5, 0.0, 1.0) - start)  # of the way: a limit has no slope until it is met
-        moved = start + np.diag(half)
+        moved = start + np.diag(np.where(start > 0.5, -_MOVED, _MOVED))
         residuals = problem.residuals(space.from_unit(np.concatenate([start[None], moved])))
         differs = residuals[1:] != residuals[0]
         changed |= np.stack([differs[:, label == k].any(axis=1) for k in range(len(names))], axis=1)
