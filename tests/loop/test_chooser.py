@@ -45,7 +45,6 @@ def test_what_leads_lower_by_its_start_value_is_searched_from_there(
 
     for name, stub in (
         ("untold", untold),
-        ("_settled", lambda *_: None),
         ("fit", fit),
         ("unit_covariance", lambda *_: np.eye(2)),
         ("shallow", lambda *_: []),
@@ -103,7 +102,6 @@ def test_what_is_held_at_its_start_value_may_leave_others_untold(monkeypatch: py
     asked: list[int] = []
     for name, stub in (
         ("untold", untold),
-        ("_settled", lambda *_: None),
         ("fit", lambda problem, space, *_, **__: _fit(space, 100.0)),
         ("descended", lambda problem, found, *_: _fit(found.space, 100.0)),
         ("unit_covariance", lambda *_: np.eye(3)),
@@ -117,40 +115,6 @@ def test_what_is_held_at_its_start_value_may_leave_others_untold(monkeypatch: py
     assert [p.name for p in found.space.parameters if not p.frozen] == ["gain"]
     assert sorted(select.choices[0].freeze) == ["damping", "limit"]
     assert len(asked) == 1
-
-
-@pytest.mark.parametrize(("rises", "fits"), [(0.0, 1), (50.0, 2)])
-def test_what_is_untold_once_others_are_held_is_held_with_them(
-    monkeypatch: pytest.MonkeyPatch, rises: float, fits: int
-) -> None:
-    """Of a gain and two dampings, of which the recordings tell the sum: one fit holds both, unless slopes say that the first
-    is missed, and a fit has to say more.
-    """
-    space = ParameterSpace(tuple(Parameter(name, "", 1.0, 0.0, 10.0) for name in ("gain", "first", "second")))
-
-    def untold(problem: Any, found: Fit, *_: Any) -> Choice:
-        frozen = [p.name for p in found.space.parameters if p.frozen]
-        some = () if "second" in frozen else ("second",) if "first" in frozen else ("first",)
-        return Choice(some, tuple(f"{name} kept" for name in some))
-
-    def residuals(values: Array) -> Array:
-        """Ten, of which the loss is higher by `rises` once the first damping is held."""
-        return np.sqrt(20.0 + 0.2 * (values[:, 1:2] == 1.0) * rises) + np.zeros((len(values), 10))
-
-    searched: list[int] = []
-    for name, stub in (
-        ("untold", untold),
-        ("fit", lambda problem, space, *_, **__: searched.append(1) or _fit(space, 100.0)),
-        ("unit_covariance", lambda *_: np.eye(3)),
-        ("shallow", lambda *_: []),
-    ):
-        monkeypatch.setattr(chooser, name, stub)
-    problem: Any = SimpleNamespace(chance=lambda residual: 1.0, residuals=residuals)
-    select = Chooser()
-    found = select.ended(problem, _fit(space, 100.0), Watch(), {"stages": REFINEMENT})
-    assert [p.name for p in found.space.parameters if not p.frozen] == ["gain"]
-    assert sorted(select.choices[0].freeze) == ["first", "second"]
-    assert len(searched) == fits
 
 
 def test_a_score_test_finds_what_a_fit_misses_that_holds_it() -> None:

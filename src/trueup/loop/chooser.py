@@ -16,9 +16,8 @@ from trueup.loop.problem import Problem
 from trueup.loop.scans import missed
 from trueup.loop.selection import Choice, choose, kept_notes, proof, shallow, untold
 from trueup.loop.uncertainty import unit_covariance
-from trueup.loop.validate import settling
 from trueup.parameters import Parameter, ParameterSpace
-from trueup.search.robust import robust_losses, robust_weights
+from trueup.search.robust import robust_losses
 
 
 class Chooser:
@@ -47,7 +46,9 @@ class Chooser:
         self._still(found.space)
         first, lowest, asked = found, found.loss, False
         while True:
-            late = self._untold(problem, found)
+            late = untold(
+                found.shot or found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague
+            )
             if not late.freeze:
                 self._take(late)
                 held = found if asked else self._at_start_values(problem, found, watch, how)
@@ -70,19 +71,6 @@ class Chooser:
             found = _with_notes(again, found)
             if nothing:
                 return replace(found, ended="the recordings tell nothing of what was to be found: all is as it came")
-
-    def _untold(self, problem: Problem, found: Fit) -> Choice:
-        """What the recordings do not tell, nor tell once that is frozen and all else has settled by the slopes of the fit:
-        where that is as good, a fit to be made anew before more is asked is saved.
-        """
-        solved, every, near = found.shot or found.near or problem, Choice((), ()), found
-        while True:
-            late = untold(solved, near, unit_covariance(problem, near), (*self.choices[0].vague, *every.vague))
-            every = Choice(*(a + b for a, b in zip(_parts(every), _parts(late), strict=True)))
-            there = _settled(solved, near, late.freeze) if 0 < len(late.freeze) < len(near.unit) else None
-            if there is None or there.loss > near.loss + proof(problem, found) * len(late.freeze):
-                return every
-            near = there
 
     def _at_start_values(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
@@ -113,27 +101,6 @@ class Chooser:
         first, *rest = self.choices
         pairs = [(n, note) for n, note in zip(first.freeze, first.notes, strict=True) if space[n].frozen]
         self.choices = (replace(first, freeze=tuple(n for n, _ in pairs), notes=tuple(n for _, n in pairs)), *rest)
-
-
-def _settled(problem: Problem, fit: Fit, names: Sequence[str]) -> Fit | None:
-    """A fit with some parameters frozen, and all else where its slopes foretell that it settles; None where that cannot be
-    simulated.
-    """
-    space = fit.space.left_open(names)
-    kept = space.free[fit.space.free]
-    values = np.where(space.free, fit.values, space.nominal)
-    residual = problem.residuals(values[None])[0]
-    if not np.isfinite(residual).all():
-        return None
-    step = settling(fit, np.flatnonzero(kept), residual)[2]
-    unit = np.clip(space.to_unit(values) + step, 0.0, 1.0)
-    residual = problem.residuals(space.from_unit(unit)[None])[0]
-    if not np.isfinite(residual).all():
-        return None
-    scatter = None if fit.scatter is None else fit.scatter[np.ix_(kept, kept)]
-    loss = float(robust_losses(residual[None], fit.bend)[0])
-    return replace(fit, space=space, unit=unit, residual=residual, jacobian=fit.jacobian[:, kept], scatter=scatter, loss=loss,
-                   weights=robust_weights(residual, fit.bend))  # fmt: skip
 
 
 def _held_at_start(
