@@ -34,6 +34,7 @@ _RATIOS = {
     "{a} is in radians and {b} in revolutions": size_of("rev"),
     "{a} is in thousandths of the unit of {b}": numbers_of("permille"),
     "{b} is in thousandths of the unit of {a}": size_of("permille"),
+    _TURNED: -1.0,
 }
 _VEHICLES = frozenset(
     {"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right", "left_duty", "right_duty"}
@@ -185,17 +186,17 @@ def _multiples(
     channel: Channel, position: Channel, a: str, b: str, derive: bool
 ) -> Iterator[tuple[str, str, Sequence[str]]]:
     """Whether one channel is a known multiple of the other, joint by joint: in words, which multiple, and of which joints."""
-    found, known = dict[str, list[str]](), {**_RATIOS, _TURNED: -1.0}
+    found = dict[str, list[str]]()
     for label in channel.labels:
         stated = (
             not derive and not channel.unit_of(label) and bool(position.unit_of(label))
         )  # numbers of who knows what
         ratio = _ratio(channel, position, label, derive) if label in position.labels and not stated else None
-        sentence = nearest(ratio, known) if ratio is not None else ""
+        sentence = nearest(ratio, _RATIOS) if ratio is not None else ""
         if sentence:
             found.setdefault(sentence, []).append(label)
     for sentence, labels in found.items():
-        of = f"{a} of {', '.join(labels)} is about {known[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}"
+        of = f"{a} of {', '.join(labels)} is about {_RATIOS[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}"
         yield of, sentence, labels
 
 

@@ -24,6 +24,8 @@ from trueup.trial import STEP, Trial
 
 NOISE: tuple[Disturbance, ...] = (StartScatter("position", 0.01), CommandNoise(0.01))
 """Twice the step of a small servo's encoder (0.3 degrees), in where joints start and in what they are told."""
+STEPS = (2.0 * STEP, STEP, 0.5 * STEP)
+"""s: a search's step and finer ones."""
 _LEVELS = (2.0, 4.0, 8.0)  # times the noise, by which what holds is compared
 
 
@@ -58,7 +60,7 @@ class Hunt:
 def hunt(
     task: DoneOrNot, simulator: Simulator, rng: np.random.Generator, search: Search | None = None, *,
     model: Array | None = None, wanted: int = 3, apart: float = 0.1, simulations: int = 6400,
-    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = (2.0 * STEP, STEP, 0.5 * STEP),
+    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
     rough: Sequence[Disturbance] = (), watch: Callable[[int, float, int], None] | None = None,
     evaluator: Evaluator | None = None,
 ) -> Hunt:  # fmt: skip
@@ -131,7 +133,7 @@ def _judged(
 
 def holds(
     task: DoneOrNot, simulator: Simulator, candidate: Array, rng: np.random.Generator, *, model: Array | None = None,
-    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = (2.0 * STEP, STEP, 0.5 * STEP),
+    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
 ) -> tuple[tuple[float, ...], int]:  # fmt: skip
     """Shares of replays under noise that succeed, step by step as long as all but one do, and how many were simulated.
 

@@ -24,7 +24,7 @@ from trueup.rounding import TINY
 
 _TORQUE = "torque"
 _MOST = 4.0
-"""Times that masses may be what a file says (see the quantity `mass`): torques that are further off are in another unit."""
+"""Times by which masses of a file are off at most, but for what a robot carries: torques further off are in another unit."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +68,15 @@ def _ratio(parts: Array) -> Ratio:
 
 
 def with_logged(
-    estimates: Sequence[Estimate], simulator: Simulator, values: Array, recordings: Sequence[Recording],
-    compared: Collection[str] = (),
-) -> tuple[Estimate, ...]:  # fmt: skip
+    estimates: Sequence[Estimate], simulator: Simulator, values: Array, recordings: Sequence[Recording]
+) -> tuple[Estimate, ...]:
     """Estimates of what grows with the masses that hold whether these are right or the torques that were logged and not
     compared, where both clearly cannot be, as in `trueup.proportion`.
     """
     own = weighed(simulator)
     of = {} if own is None else own.grown(simulator.parameters)
     clear = {
-        label: r for label, r in ratios(simulator, values, recordings, compared).items()
+        label: r for label, r in ratios(simulator, values, recordings).items()
         if r.times > 0.0 and r.half < abs(np.log(r.times)) < np.log(_MOST)
     } if of else {}  # fmt: skip
     if not clear:

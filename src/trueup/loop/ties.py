@@ -166,17 +166,8 @@ def _of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Consi
         unit[k] = step / (free[k].upper - free[k].lower)
         points = np.clip(fit.unit + np.outer([1.0, -1.0], unit), 0.0, 1.0)
         if unexplained(points, problem.residuals(fit.space.from_unit(points)), fit.jacobian) >= ROUGH:
-            nothing = np.zeros(0)
-            found.append(
-                Considered(
-                    Parameter(STEP, "s", step, 0.0, 2.0 * step),
-                    (unit > 0.0).astype(float),
-                    0.0,
-                    2.0 * step,
-                    nothing,
-                    0.0,
-                )
-            )
+            either = Parameter(STEP, "s", step, 0.0, 2.0 * step)  # a step early or late
+            found.append(Considered(either, (unit > 0.0).astype(float), 0.0, 2.0 * step, np.zeros(0), 0.0))
     return found
 
 

@@ -24,8 +24,16 @@ from trueup.formats.rules.names import (
 from trueup.formats.rules.signals import BY_KIND, KINDS, RULES, SETTINGS
 from trueup.units import to_si
 
-_GAINS = {frozenset(name.split()): kind for kind in SETTINGS for name in BY_KIND[kind].names.split(", ")}
-"""The words of a gain, and its kind."""
+
+def _words(gain: tuple[frozenset[str], str]) -> int:
+    return len(gain[0])
+
+
+_GAINS = sorted(
+    ((frozenset(name.split()), kind) for kind in SETTINGS for name in BY_KIND[kind].names.split(", ")),
+    key=_words, reverse=True,
+)  # fmt: skip
+"""The words of a gain, and its kind, the longest first."""
 SHARES = MappingProxyType(
     {**dict.fromkeys(("percent", "pct", "perc"), "%"), "permille": "permille", "promille": "permille"}
 )
@@ -164,15 +172,11 @@ def _gain(plain: Sequence[str], kinds: Sequence[str]) -> tuple[str, list[str], f
 
     What a speed or a current is controlled with tells nothing of a servo's stiffness.
     """
-    for said, kind in sorted(_GAINS.items(), key=_words, reverse=True):
+    for said, kind in _GAINS:
         others = {k for word, k in zip(plain, kinds, strict=True) if word not in said}
         if said <= set(plain) and others <= {"", "position"}:
             return kind, [kind if word in said else k for word, k in zip(plain, kinds, strict=True)], said
     return "", list(kinds), frozenset()
-
-
-def _words(gain: tuple[frozenset[str], str]) -> int:
-    return len(gain[0])
 
 
 def _is_command(i: int, plain: Sequence[str]) -> bool:
