@@ -278,7 +278,7 @@ def test_joints_alone_that_end_in_another_valley_are_left_alone(
     away = np.random.default_rng(0).uniform(-0.1, 0.1, len(space))
     truth = space.from_unit(np.clip(space.to_unit(space.nominal), 0.1, 0.9) + away)
     recordings = [recorded(simulator, 6.0, truth, name) for name in ("a", "b")]
-    monkeypatch.setattr("trueup.loop.stages.apart", lambda *_: np.full(len(space), 0.97))
+    monkeypatch.setattr("trueup.loop.joint_by_joint.apart", lambda *_: np.full(len(space), 0.97))
     stages = tuple(s for s in STAGES if s in DESCENT or s.name == "glance")
     fit = calibrate(simulator, recordings, options=Options(stages=stages, cross_validate=False))
     assert not any("approximation" in note for note in fit.notes)

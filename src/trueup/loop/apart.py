@@ -23,6 +23,7 @@ from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 
 GLANCE = 2.5  # s: the least of each recording that a first look takes
+_SEEN_FROM = 2  # places from which it is seen what a parameter changes
 _MOVED = (
     0.2  # share of the box by which parameters are moved to see what they change: a limit has no slope until it is met
 )
@@ -42,38 +43,49 @@ def apart(
     """(n_free,) the best that least squares come to from any of `starts` (n_free,), signal by signal; parameters that several
     signals share as in the first of them. A search ends with steps that lower its loss by less than the share `tolerance`.
     """
+    return valleys(problem, space, starts, robust, 1, tolerance)[0]
+
+
+def valleys(
+    problem: Problem, space: ParameterSpace, starts: Sequence[Array], robust: float, count: int, tolerance: float = 1e-3
+) -> list[Array]:
+    """The `count` lowest places that least squares come to, each (n_free,): of every signal the lowest in the first of them,
+    the next in the second, and so on. Otherwise see `apart`.
+    """
     seen = problem.residuals(space.from_unit(np.stack(starts)))
     good = [start for start, residual in zip(starts, seen, strict=True) if np.isfinite(residual).all()]
-    parts = parts_of(problem, space, good)
+    parts = parts_of(problem, space, good[:_SEEN_FROM])
     lanes = [[_search(space, start, part, robust, tolerance) for part in parts] for start in good]
     if not (parts and lanes):
-        return starts[0]
-    while not all(search.done for lane in lanes for search in lane):
-        asked = [[None if search.done else search.ask() for search in lane] for lane in lanes]
-        rows = [_together(starts[0], parts, lane, asks) for lane, asks in zip(lanes, asked, strict=True)]
+        return [starts[0]]
+    while under_way := [lane for lane in lanes if not all(search.done for search in lane)]:
+        asked = [[None if search.done else search.ask() for search in lane] for lane in under_way]
+        rows = [_together(starts[0], parts, lane, asks) for lane, asks in zip(under_way, asked, strict=True)]
         residuals = np.split(
             problem.residuals(space.from_unit(np.concatenate(rows))), np.cumsum([len(r) for r in rows])
         )
-        for lane, asks, seen in zip(lanes, asked, residuals, strict=False):
+        for lane, asks, seen in zip(under_way, asked, residuals, strict=False):
             for search, part, points in zip(lane, parts, asks, strict=True):
                 if points is not None:
                     search.tell(points, seen[: len(points), part.residuals])
-    return _best(problem, space, starts[0], parts, lanes)
+    return _lowest(problem, space, starts[0], parts, lanes)[:count]
 
 
-def _best(
+def _lowest(
     problem: Problem,
     space: ParameterSpace,
     shared: Array,
     parts: Sequence[Part],
     lanes: Sequence[Sequence[LeastSquares]],
-) -> Array:
+) -> list[Array]:
+    """As many places as there are lanes, of every signal the lowest first."""
     ends = np.concatenate([_together(shared, parts, lane, [None] * len(parts)) for lane in lanes])
-    residuals, best = problem.residuals(space.from_unit(ends)), np.array(shared)
+    residuals, places = problem.residuals(space.from_unit(ends)), np.repeat(shared[None], len(lanes), axis=0)
     for k, part in enumerate(parts):
         losses = robust_losses(residuals[:, part.residuals], min(lane[k].delta for lane in lanes))
-        best[part.columns] = ends[int(np.argmin(np.where(np.isfinite(losses), losses, np.inf))), part.columns]
-    return best
+        order = np.argsort(np.where(np.isfinite(losses), losses, np.inf), kind="stable")
+        places[:, part.columns] = ends[np.ix_(order, part.columns)]
+    return list(places)
 
 
 def _together(
@@ -93,21 +105,25 @@ def _search(space: ParameterSpace, start: Array, part: Part, robust: float, tole
     free = [p for p in space.parameters if not p.frozen]
     ranges = np.array([free[k].log_range for k in part.columns])
     return LeastSquares(start[part.columns], ranges, robust=robust, least_damping=HELD, confirm=False,
-                        tolerance=tolerance)  # fmt: skip
+                        tolerance=tolerance, reuse=0)  # fmt: skip
 
 
 def parts_of(problem: Problem, space: ParameterSpace, starts: Sequence[Array]) -> list[Part]:
-    """The signals that have parameters of their own, seen from any of the starts."""
+    """The signals that have parameters of their own, seen from any of the starts: those that change a signal by more than all
+    others together, as blocks must for a search block by block to converge (D. Feingold and R. Varga, Block diagonally
+    dominant matrices, Pacific J. Math. 12, 1962). An armature is felt by other joints, too, but little.
+    """
     names, label = labelled(problem.segments)
-    changed = np.zeros((int(space.free.sum()), len(names)), dtype=bool)
+    changed = np.zeros((int(space.free.sum()), len(names)))
     for start in starts:
         moved = start + np.diag(np.where(start > 0.5, -_MOVED, _MOVED))
         residuals = problem.residuals(space.from_unit(np.concatenate([start[None], moved])))
-        differs = residuals[1:] != residuals[0]
-        changed |= np.stack([differs[:, label == k].any(axis=1) for k in range(len(names))], axis=1)
-    alone = (changed.sum(axis=1) == 1)[:, None] & changed
-    own = [np.flatnonzero(alone[:, k]) for k in range(len(names))]
-    return [Part(np.flatnonzero(label == k), columns) for k, columns in enumerate(own) if len(columns)]
+        squares = (residuals[1:] - residuals[0]) ** 2
+        changed += np.sqrt(np.stack([squares[:, label == k].sum(axis=1) for k in range(len(names))], axis=1))
+    changed = np.nan_to_num(changed)
+    own = changed > 0.5 * changed.sum(axis=1, keepdims=True)
+    columns = [np.flatnonzero(own[:, k]) for k in range(len(names))]
+    return [Part(np.flatnonzero(label == k), columns[k]) for k in range(len(names)) if len(columns[k])]
 
 
 def confirmed(exact: Problem, space: ParameterSpace, start: Array, point: Array, robust: float) -> bool:

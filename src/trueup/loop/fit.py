@@ -19,6 +19,7 @@ from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watc
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
 from trueup.loop.interior import nudge
+from trueup.loop.joint_by_joint import each_apart, glance
 from trueup.loop.mixed import Mixed
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.profiles import off_bounds, profiles
@@ -28,13 +29,11 @@ from trueup.loop.stages import (
     Stage,
     as_it_came,
     coarse_step,
-    each_apart,
     evolution,
     evolve_first,
     evolve_long,
     first_seconds,
     full_step,
-    glance,
     implicit_filtering,
     lines,
     longer_parts,

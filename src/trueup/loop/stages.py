@@ -11,7 +11,6 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import HALVED, explained
-from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, last_look
 from trueup.loop.disturbed import LeftOut, disturbed, seen_by
 from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved, losses_at
@@ -125,32 +124,6 @@ class Stage:
 
     name: str
     act: Callable[[Run], None]
-
-
-def each_apart(run: Run) -> None:
-    """Each joint by itself where joints are replayed alone, from where the search begins and from the middle of the box: the
-    first seconds, then all.
-    """
-    part = run.alone
-    if part is None or run.saved is not None:
-        return
-    descent, longest = run.descent, max(t.duration for t in run.first.trials)
-    starts = [run.start, np.full(len(run.start), 0.5)]
-    point = apart(part.shortened(longest), descent.space, starts, descent.robust)
-    run.early = descent.space.from_unit(point)
-    point = apart(part, descent.space, [point], descent.robust)
-    residual = part.residuals(descent.space.from_unit(point[None]))[0]
-    descent.watch.saw("joint by joint", part, float(0.5 * residual @ residual), part.rmse(residual))
-    descent.point, run.begun = point, True
-
-
-def glance(run: Run) -> None:
-    """Leaves approximations alone in this search where a glance by the simulator itself does not confirm them."""
-    exact, descent = run.coarse.exactly(), run.descent
-    if run.begun and not confirmed(exact, descent.space, run.start, descent.point, descent.robust):
-        run.coarse, run.first = exact, exact.shortened(max(t.duration for t in run.first.trials))
-        run.begun = False
-        descent.restart(run.start)
 
 
 def first_seconds(run: Run) -> None:
