@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.calibration import Calibration, Lacked
+from trueup.calibration import Calibration, Lacked, pooled_rmse
 from trueup.evidence import Evidence, evidence, together
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.earlier import Earlier
@@ -82,6 +82,23 @@ def test_a_gear_that_only_a_later_motion_shows_is_told_in_that_round(slow: tuple
     after = refined(ready, Earlier.of(before))
     assert "replayed better with play and twist of gears" in after.lacking
     assert compliance(after) == pytest.approx(1.0 / 400.0, rel=0.2)
+
+
+def test_what_the_model_lacks_is_written_beside_the_parameters_ready_to_be_given_back(tmp_path: Path) -> None:
+    ready = prepared(tmp_path, [recorded(tmp_path, k, FAST) for k in (1, 2)])
+    found = ready.calibrate(ALONE)
+    notes = ready.write(found, tmp_path / "calibrated.xml", tmp_path / "found.toml")
+    beside = tmp_path / "found_lacking.toml"
+    assert any(f"--parameters {beside}" in note for note in notes)
+    other = prepare(tmp_path / "arm.xml", ready.recordings, parameters=beside)
+    again = other.calibrate(ALONE)
+    values = {e.name: e.value for e in again.estimates}
+    assert values["j.gear_compliance"] == pytest.approx(1.0 / 400.0, rel=0.2)
+    assert values["j.friction"] == pytest.approx(TRUTH["friction"], rel=0.1)
+    assert pooled_rmse(again.training(), after=True) < 0.9 * pooled_rmse(found.training(), after=True)
+    assert not again.lacking
+    other.write(again, tmp_path / "calibrated.xml", tmp_path / "found.toml")
+    assert not beside.exists()  # it would be that of a calibration that is gone
 
 
 def test_a_gear_that_was_known_to_twist_is_told_again_where_later_motions_bear_it_out(

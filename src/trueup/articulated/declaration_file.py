@@ -139,7 +139,9 @@ def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> 
     rows |= {"nominal": _inside(estimate.value, parameter), "unit": estimate.unit, "start": estimate.start}
     if math.isfinite(estimate.low) and math.isfinite(estimate.high):
         rows |= {"low": estimate.low, "high": estimate.high}
-    rows |= {"lower": parameter.lower, "upper": parameter.upper, "scale": parameter.scale, "verdict": estimate.verdict}
+    rows |= {"lower": parameter.lower, "upper": parameter.upper, "scale": parameter.scale}
+    if estimate.verdict:
+        rows["verdict"] = estimate.verdict
     if estimate.note:
         rows["note"] = estimate.note
     if not estimate.fitted:

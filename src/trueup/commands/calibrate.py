@@ -243,5 +243,6 @@ def _write(
         write_aside(replay_picture(shown[0]), pictures[0])
     output.finish(calibration)
     driven = output.model_file.with_name(f"{output.model_file.stem}_driven{output.model_file.suffix}")
-    written = [f for f in (output.model_file, driven, parameters) if f.is_file()]
+    lacking = parameters.with_name("parameters_lacking.toml")
+    written = [f for f in (output.model_file, driven, parameters, lacking) if f.is_file()]
     return [*written, report, *pictures, output.outcome_file], notes

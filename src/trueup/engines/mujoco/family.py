@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
+from trueup.articulated.declaration_file import read_declarations, read_gains
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.gains import Gains
 from trueup.articulated.inertial import with_inertial_units
@@ -49,6 +49,7 @@ from trueup.engines.mujoco.setup.torques_given import torques_given
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
 from trueup.engines.mujoco.wiring import is_speed_servo
 from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
+from trueup.engines.mujoco.writing.parameter_files import write_parameter_files
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
 from trueup.inspection.alignment import stamped_late
@@ -216,12 +217,10 @@ class Articulated(Family):
         """The model that a simulator was made of, as MuJoCo reads it."""
         return simulator.model
 
-    def write(
-        self, simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
-    ) -> tuple[str, ...]:
-        """Writes the calibrated MJCF and the parameters file; notes on what the MJCF cannot say."""
-        write_parameters(calibration, simulator.parameters, simulator.quantities, parameters, simulator.gains.given_for)
-        return write_model(simulator, calibration.values, model)
+    def write(self, simulator: Any, calibration: Calibration, model: Path, parameters: Path) -> tuple[str, ...]:
+        """Writes the calibrated MJCF and the parameters files; notes on what the MJCF cannot say."""
+        told = write_parameter_files(simulator, calibration, parameters)
+        return (*told, *write_model(simulator, calibration.values, model))
 
     def known_before(self, simulator: MujocoSimulator) -> bool:
         """See Family."""
