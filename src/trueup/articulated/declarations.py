@@ -16,6 +16,7 @@ from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 
 TIES = ("each", "all", "mirror")
+SOFTNESS = "contact_softness"
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,21 @@ def lacking(model: Model, assignments: Sequence[Assignment]) -> dict[str, tuple[
         for name, kinds in LACKING.items()
         if joints and not there & set(kinds) and targets[quantity(kinds[0]).family]
     }
+
+
+def of_contacts(model: Model) -> tuple[Declaration, ...]:
+    """How soft contacts are: named shapes that begin alike stay so, as only what comes of two that touch is seen. None for
+    shapes whose file says something else in place of a time constant, as MuJoCo has it below zero.
+    """
+    soft, groups = quantity(SOFTNESS), dict[float, list[str]]()
+    for shape in soft.choices(model, {}):
+        groups.setdefault(soft.nominal(model, shape), []).append(shape)
+    several = len(groups) > 1
+    return tuple(
+        Declaration(soft.name, tuple(shapes) if several else ("*",), tie="all")
+        for size, shapes in groups.items()
+        if size > 0.0
+    )
 
 
 def alike(model: Model, structures: Mapping[str, tuple[Declaration, ...]]) -> list[dict[str, tuple[Declaration, ...]]]:

@@ -191,6 +191,10 @@ class InPlaceOf:
         return reckoned_as(self.whole, recording)
 
 
+CONTACTS = "contacts of another softness"
+"""The structure of a simulator whose robot touches something: while it is wrong, nothing else is found as it is."""
+
+
 @runtime_checkable
 class Related(Protocol):
     """A simulator that knows of quantities which its parameters may be confused with."""

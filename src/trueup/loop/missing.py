@@ -16,18 +16,19 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Lacked
-from trueup.engines.simulator import Simulator, related_of
+from trueup.engines.simulator import CONTACTS, Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import EXCERPT, Evidence, explained
 from trueup.loop.descent import Fit, Watch
 from trueup.loop.earlier import Earlier
-from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
+from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, STAGES, Stage, fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.scans import Look, Scan
 from trueup.loop.selection import compared
 from trueup.loop.since import Known, since
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
+from trueup.loop.windows import carried
 from trueup.parameters import Parameter, ParameterSpace
 
 
@@ -87,12 +88,15 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
     part = problem if problem.duration <= EXCERPT else problem.shortened(EXCERPT / len(problem.trials))
     if part is not problem:
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
-    without, tried = cautious_errors(part, found, by_stretch(part)), []
+    without, tried = cautious_errors(part, found, by_stretch(part)), list[Missing]()
+    scanned = dict(structures)
+    if CONTACTS in structures and carried(part):
+        tried += _anew(part, found, scanned.pop(CONTACTS), without)
     for place, stages in _places_to_look_from(part, found):
         if any(m.explains for m in tried):
             break
         scan = Scan.of(part, place) if place is found else Scan.as_it_is(part, place)
-        looks = came.looks if came is not None and place is found else scan.favoured(structures)
+        looks = came.looks if came is not None and place is found else scan.favoured(scanned)
         asked = {frozenset(p.name for p in m.parameters) for m in tried}
         new = [look for look in looks if frozenset(look.sizes) not in asked]
         tried += _tried(part, place, new, structures, stages, without)
@@ -132,6 +136,15 @@ def _places_to_look_from(part: Problem, found: Fit) -> Iterator[tuple[Fit, Seque
     ):  # nominal values beside what was set since
         return
     yield begun, DESCENT
+
+
+def _anew(problem: Problem, found: Fit, softer: Simulator, without: Array) -> list[Missing]:
+    """Contacts of another softness by a search from where the first one began: where feet land otherwise than the robot's,
+    all that a fit ends at makes up for that, and slopes there lead nowhere.
+    """
+    free = {p.name: p.nominal for p in softer.parameters.parameters[len(found.space) :]}
+    begun = np.where(found.space.free, found.space.nominal, found.values)
+    return _tried(problem, found, [Look(CONTACTS, free, 0.0, 0.0, begun)], {CONTACTS: softer}, STAGES, without)
 
 
 def _tried(

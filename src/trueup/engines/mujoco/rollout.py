@@ -14,7 +14,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment, acts_in_each_step, needs
-from trueup.articulated.declarations import Declaration, alike, declare, lacking, undeclared
+from trueup.articulated.declarations import SOFTNESS, Declaration, alike, declare, lacking, of_contacts, undeclared
 from trueup.articulated.gains import Gains
 from trueup.articulated.proportion import grown, proportion
 from trueup.articulated.signals import Signals
@@ -33,7 +33,7 @@ from trueup.engines.mujoco.setup.tendons import leading
 from trueup.engines.mujoco.stepping import unclocked
 from trueup.engines.mujoco.trees import Trees
 from trueup.engines.mujoco.wiring import actuators_of, source_of
-from trueup.engines.simulator import Rollout, Simulator
+from trueup.engines.simulator import CONTACTS, Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.proportion import Proportion
@@ -133,7 +133,10 @@ class MujocoSimulator:
 
     def structures(self) -> dict[str, Simulator]:
         """See `engines.simulator.Related`."""
-        known = {name: self._with(lines) for name, lines in lacking(self.model, self.quantities).items()}
+        lines = lacking(self.model, self.quantities)
+        if self._touching is True and all(a.kind != SOFTNESS for a in self.quantities):
+            lines[CONTACTS] = of_contacts(self.model)
+        known = {name: self._with(own) for name, own in lines.items()}
         return {name: simulator for name, simulator in known.items() if simulator is not None}
 
     def rivals(self) -> list[tuple[MujocoSimulator, dict[str, tuple[str, ...]]]]:
