@@ -4,13 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from trueup.articulated.declarations import Declaration
+import numpy as np
+
+from trueup.articulated.declarations import Declaration, of_contacts
 from trueup.articulated.pose import POSITION
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.floor import Reach
+from trueup.engines.simulator import CONTACTS
 from trueup.recording import Recording
+from trueup.trial import LOOK
 
 HEIGHT, TILTS = "height of the floor", {"floor_roll": "floor turned about x", "floor_pitch": "floor turned about y"}
 """Of the floor that a robot stands on, and of one that the model lacks."""
@@ -41,3 +47,26 @@ def of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declarati
     if plane_of(compiled) >= 0:
         lines += [Declaration("floor_height", optional=HEIGHT), Declaration("floor_friction")]
     return lines
+
+
+def of_what_touches(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
+    """Of a robot on a rail or boom that reaches the model's floor as it was measured: how soft its contacts are. A file's
+    time constant is seldom more than MuJoCo's own, and gains, friction and rotors make up for it where nobody asks.
+    """
+    lines = of_contacts(model)
+    if not lines or free_joint(model.compiled) >= 0 or plane_of(model.compiled) < 0:
+        return []
+    reach = Reach(model)
+    if not reach.clouds or not any(_touches(reach, r) for r in recordings):
+        return []
+    return [replace(line, optional=CONTACTS) for line in lines]
+
+
+def _touches(reach: Reach, recording: Recording) -> bool:
+    if not recording.has("position"):
+        return False
+    seen = recording.channel("position")
+    known = [label for label in seen.labels if label in reach.joints]
+    rows = np.unique(np.searchsorted(seen.time, np.arange(seen.time[0], seen.time[-1], LOOK)))
+    poses = seen.select(known).values[rows]
+    return bool(np.any(reach.lowest(known, poses[np.isfinite(poses).all(axis=1)]) <= 0.0))

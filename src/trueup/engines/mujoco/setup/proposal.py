@@ -13,7 +13,7 @@ from trueup.articulated.hidden_limits import asked_for
 from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base
+from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base, of_what_touches
 from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
@@ -82,7 +82,7 @@ def propose(
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     lines += [] if floor is None else of_a_floor(floor)
     lines += _of_stops(stops or {})
-    lines += of_the_base(model, recordings)
+    lines += [*of_the_base(model, recordings), *of_what_touches(model, recordings)]
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
 
