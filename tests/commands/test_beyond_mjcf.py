@@ -78,7 +78,7 @@ def test_only_what_is_usually_far_off_hints_at_friction_with_load(astray: float,
     off = np.random.default_rng(0).standard_normal((200, 2))
     off[: round(astray * len(off))] += 30.0
     replay = SimpleNamespace(channel="position", after=off, measured=np.zeros_like(off), noise=np.ones(2))
-    servo = cast(MujocoSimulator, SimpleNamespace(quantities=(SimpleNamespace(kind="kp"),)))
+    servo = cast(MujocoSimulator, SimpleNamespace(quantities=(SimpleNamespace(kind="kp"),), touches=False))
     calibration = cast(Calibration, SimpleNamespace(lacking="", training=lambda: [replay]))
     assert bool(about_load(servo, calibration)) == hinted
 

@@ -4,16 +4,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
 import pytest
 
+from trueup.calibration import Calibration
+from trueup.engines.mujoco.writing.notes import about_load
 from trueup.engines.simulator import CONTACTS
 from trueup.loop.calibrate import Options
 from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
+from trueup.trial import Trial
 
 HOPPER = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <geom name="floor" type="plane" size="5 5 1" solref="{soft} 1"/>
@@ -69,3 +74,18 @@ def test_softness_is_asked_for_where_the_measured_foot_reaches_the_floor(
     space = prepare(file, runs).simulator.parameters
     assert ("contact_softness" in space.names) == asked
     assert not asked or space["contact_softness"].optional == CONTACTS
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_shapes_without_names_that_touch_are_to_be_named_where_replays_stay_far_off(
+    tmp_path: Path, named: bool
+) -> None:
+    file, runs = hops(tmp_path, HOPPER.format(**FILE), seconds=1.0)
+    if not named:
+        file.write_text(file.read_text().replace('geom name="floor"', "geom").replace('geom name="foot"', "geom"))
+    simulator = prepare(file, runs).simulator
+    simulator.rollout([Trial.of(r) for r in runs], simulator.parameters.nominal[None])
+    far = 30.0 * np.sign(np.random.default_rng(0).normal(size=(50, 2)))
+    off = SimpleNamespace(channel="position", after=far, measured=np.zeros_like(far), noise=np.ones(2))
+    (note,) = about_load(simulator, cast(Calibration, SimpleNamespace(lacking="", training=lambda: [off])))
+    assert ("names, and that is asked about" in note) != named

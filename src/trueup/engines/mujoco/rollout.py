@@ -134,7 +134,7 @@ class MujocoSimulator:
     def structures(self) -> dict[str, Simulator]:
         """See `engines.simulator.Related`."""
         lines = lacking(self.model, self.quantities)
-        if self._touching is True and all(a.kind != SOFTNESS for a in self.quantities):
+        if self.touches and all(a.kind != SOFTNESS for a in self.quantities):
             lines[CONTACTS] = of_contacts(self.model)
         known = {name: self._with(own) for name, own in lines.items()}
         return {name: simulator for name, simulator in known.items() if simulator is not None}
@@ -193,11 +193,16 @@ class MujocoSimulator:
         """See `engines.simulator.Floating`."""
         return free_joint(self.compiled) < 0 or measured_base(trial) is not None
 
+    @property
+    def touches(self) -> bool:
+        """Whether anything touched anything in what was simulated."""
+        return self._touching is True
+
     def passive(self, trial: Trial) -> bool:
         """See `engines.simulator.Passive`. What tendons and equalities move counts as driven."""
         seen, driven = trial.observed.get("position"), self.model.actuator_of_joint()
         moved = self.compiled.ntendon or self.compiled.neq or seen is None or driven.keys() >= set(seen.labels)
-        return not moved and self._touching is True
+        return not moved and self.touches
 
     def reckoned(self, recording: Recording) -> Recording | None:
         """See `engines.simulator.Reckoning`."""

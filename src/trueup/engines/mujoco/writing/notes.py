@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.declarations import SOFTNESS
+from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
 from trueup.calibration import Calibration
 from trueup.engines.mujoco.attributes import is_position_servo
@@ -230,6 +232,17 @@ def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[st
         return ()
     return (
         f"the replay error stays at {times:.0f} times the noise. Is each joint the one that it is named (left and right, the "
-        "order of numbers)? Small geared servos may have friction that grows with their load: --beyond-mjcf tries that too "
-        "(in twice the time), and `trueup replay --parameters` replays it",
+        "order of numbers)? What is called identified is so for a model like this one, and may stand for what it lacks. "
+        "Small geared servos may have friction that grows with their load: --beyond-mjcf tries that too (in twice the time), and "
+        "`trueup replay --parameters` replays it" + _about_contacts(simulator),
+    )
+
+
+def _about_contacts(simulator: MujocoSimulator) -> str:
+    """That nobody asks how soft contacts are where the shapes that touch have no names; "" elsewhere."""
+    if not simulator.touches or quantity(SOFTNESS).choices(simulator.model, {}):
+        return ""
+    return (
+        ". Something touches something here, and contacts stay as soft as the file has them: give the shapes (floor, foot) "
+        f'names, and that is asked about, or declare quantity = "{SOFTNESS}" of them'
     )
