@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Calibration
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.notes import about_load
 from trueup.engines.simulator import CONTACTS
 from trueup.loop.calibrate import Options
@@ -83,7 +84,7 @@ def test_shapes_without_names_that_touch_are_to_be_named_where_replays_stay_far_
     file, runs = hops(tmp_path, HOPPER.format(**FILE), seconds=1.0)
     if not named:
         file.write_text(file.read_text().replace('geom name="floor"', "geom").replace('geom name="foot"', "geom"))
-    simulator = prepare(file, runs).simulator
+    simulator = cast(MujocoSimulator, prepare(file, runs).simulator)
     simulator.rollout([Trial.of(r) for r in runs], simulator.parameters.nominal[None])
     far = 30.0 * np.sign(np.random.default_rng(0).normal(size=(50, 2)))
     off = SimpleNamespace(channel="position", after=far, measured=np.zeros_like(far), noise=np.ones(2))

@@ -233,8 +233,8 @@ def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[st
     return (
         f"the replay error stays at {times:.0f} times the noise. Is each joint the one that it is named (left and right, the "
         "order of numbers)? What is called identified is so for a model like this one, and may stand for what it lacks. "
-        "Small geared servos may have friction that grows with their load: --beyond-mjcf tries that too (in twice the time), and "
-        "`trueup replay --parameters` replays it" + _about_contacts(simulator),
+        "Small geared servos may have friction that grows with their load: --beyond-mjcf tries that too (in twice the "
+        "time), and `trueup replay --parameters` replays it" + _about_contacts(simulator),
     )
 
 
