@@ -13,10 +13,11 @@ from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.descent import Fit, Watch
-from trueup.loop.fit import fit
+from trueup.loop.fit import STAGES, fit
 from trueup.loop.horizon import cut_for_search
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
+from trueup.loop.stages import Run
 from trueup.loop.uncertainty import unit_covariance
 from trueup.loop.windows import in_windows, smooth_length, window_length
 from trueup.parameters import Parameter, ParameterSpace
@@ -255,13 +256,35 @@ class Ball(Runner):
         return np.abs((unfolded - 1.0) % 4.0 - 2.0) - 1.0
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
-def test_what_walls_make_rugged_is_found_where_short_parts_lead_to_longer_ones(seed: int) -> None:
+def _hit(seed: int = 1) -> Problem:
+    """A ball of 1 m/s, measured with noise."""
     path = Ball.path(TIME, 0.3, np.ones((1, 1)))[0]
     noise = SIGMA * np.random.default_rng(seed).standard_normal(len(TIME))
     recording = Recording("run", {"position": Channel("position", ("x",), "m", TIME, (path + noise)[:, None])})
-    found = fit(Problem(Ball(), [recording], ByNoise()), SPACE, np.array([1.2]), Watch())  # type: ignore[arg-type]
+    return Problem(Ball(), [recording], ByNoise())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_what_walls_make_rugged_is_found_where_short_parts_lead_to_longer_ones(seed: int) -> None:
+    found = fit(_hit(seed), SPACE, np.array([1.2]), Watch())
     assert found.values[0] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_where_short_parts_lead_astray_it_is_searched_from_where_whole_replays_have_led(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    until = STAGES[: [s.name for s in STAGES].index("multiple shooting")]
+    led, asked = fit(hit := _hit(), SPACE, np.array([1.2]), Watch(), stages=until), []
+
+    def astray(run: Run, starts: Starts) -> tuple[Starts, Array]:
+        asked.append(starts)
+        run.descent.move(np.array([0.9]))
+        return starts, SPACE.from_unit(run.descent.point)
+
+    monkeypatch.setattr("trueup.loop.shooting._by_horizon", astray)
+    found = fit(hit, SPACE, np.array([1.2]), Watch())
+    assert asked
+    assert found.loss <= led.loss
 
 
 class Thrown(Runner):

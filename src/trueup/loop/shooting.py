@@ -11,9 +11,10 @@ from trueup.arrays import Array
 from trueup.loop.descent import last_look
 from trueup.loop.elsewhere import along_axes
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import LONGER, SHORTEST, Starts
+from trueup.loop.shoot import LONGER, SHORTEST, Ahead, Starts
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import start_scatter, unit_covariance
+from trueup.search.robust import robust_losses
 
 
 def multiple_shooting(run: Run) -> None:
@@ -24,14 +25,25 @@ def multiple_shooting(run: Run) -> None:
     """
     if run.weighed is not None:
         return
+    values, starts = run.descent.space.from_unit(run.descent.point), run.starts
+    if starts is not None:
+        return _in_turns(run, starts, values, None)
+    starts = Starts.as_measured(run.seen, values)
+    ahead = starts.ahead(run.seen, values)
+    begun = starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)
+    if not _matter(run, begun):
+        return
+    before, problem, coarse, descent = run.found, run.problem, run.coarse, replace(run.descent)
+    scatter = start_scatter(problem.with_starts(begun.trials, begun.eliminated), before)
+    _in_turns(run, starts, values, ahead)
+    # With starts free the loss is no higher where slopes foretell it; where contacts make replays rugged, they do not.
+    if not run.found.loss <= before.loss:
+        run.problem, run.coarse, run.descent, run.ended = problem, coarse, descent, replace(before, scatter=scatter)
+
+
+def _in_turns(run: Run, starts: Starts, values: Array, ahead: Ahead | None) -> None:
+    """Corrections of starts and the search of all else, until these move by no more than chance."""
     rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
-    values, ahead = run.descent.space.from_unit(run.descent.point), None
-    starts = run.starts
-    if starts is None:
-        starts = Starts.as_measured(run.seen, values)
-        ahead = starts.ahead(run.seen, values)
-        if not _matter(run, starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)):
-            return
     for left in reversed(range(rounds)):
         begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
@@ -44,13 +56,24 @@ def multiple_shooting(run: Run) -> None:
             break
         # Elimination takes replays to be smooth in their starts, and they are not; windows are short for that reason.
         if left == rounds - 1 and not run.problem.windowed:
-            starts, values = _by_horizon(run, starts)
+            starts, values = _lower_by_horizon(run, starts, values)
     run.ended = None
     run.go(last_look(run.problem, run.coarse))
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
     scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)
     run.ended = replace(run.found, scatter=scatter, starts=starts, shot=run.problem)
+
+
+def _lower_by_horizon(run: Run, starts: Starts, values: Array) -> tuple[Starts, Array]:
+    """What `_by_horizon` leads to, if that is lower: the valley of a first part may end high up in the whole."""
+    point, before = run.descent.point, run.found.loss
+    led, there = _by_horizon(run, starts)
+    residual = led.eliminated_from(run.seen, there).residuals(there[None])
+    if float(np.nan_to_num(robust_losses(residual, run.found.bend), nan=np.inf)[0]) < before:
+        return led, there
+    run.descent.move(point)
+    return starts, values
 
 
 def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
