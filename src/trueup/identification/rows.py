@@ -47,6 +47,11 @@ class Rows:
         values = tuple(v[:, keep] for v in self.values)
         return replace(self, values=values, torque=self.torque[keep], time=self.time[keep])
 
+    def scaled(self, by: Array) -> Rows:
+        """With each sample of each joint multiplied by (S, n) factors."""
+        values = tuple(v * by[:, j] for j, v in enumerate(self.values))
+        return replace(self, values=values, torque=self.torque * by)
+
     def with_shrinkage(self, share: float) -> Rows:
         """With `share` of what draws parameters towards zero."""
         return replace(self, shrink=share * self.shrink)

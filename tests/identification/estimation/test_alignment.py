@@ -85,3 +85,14 @@ def _with_gaps(recording: Recording) -> Recording:
     keep = np.all([(time < start) | (time > start + 1.0) for start in (11.0, 25.0, 44.0)], axis=0)
     channels = {name: c.replace(time=c.time[keep], values=c.values[keep]) for name, c in recording.channels.items()}
     return recording.replace(channels=channels)
+
+
+def test_torque_that_comes_a_few_milliseconds_late_is_found_between_the_shifts_that_are_looked_at(
+    arms: SimpleNamespace,
+) -> None:
+    tree, rng = arms.arm(), np.random.default_rng(2)
+    run = arms.recording(tree, rng, seconds=30.0, noise=0.1, late=0.0025)
+    found = identify(arms.without_file(tree), [run], options=Options(consistent=False)).alignment
+    assert found is not None
+    assert found.corrected
+    assert found.shift == pytest.approx(0.0025, abs=0.0005)

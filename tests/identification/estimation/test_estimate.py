@@ -14,11 +14,14 @@ from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.estimate import (
+    Robust,
     instrumental,
     lasting_density,
     least_squares,
     weighted_least_squares,
+    with_missed_form,
 )
+from trueup.identification.estimation.moments import RIDGE
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
@@ -98,9 +101,30 @@ def test_spikes_in_the_torque_are_weighed_down_unasked(motion: tuple[DynamicMode
     noise = 0.2 * rng.normal(size=rows.torque.shape)
     noise[rng.integers(0, len(noise), 30)] += 100.0
     plain = least_squares([_noisy(rows, noise)], active)
-    robust = least_squares([_noisy(rows, noise)], active, robust=True)
+    robust = least_squares([_noisy(rows, noise)], active, robust="tukey")
     error = [np.linalg.norm((x.parameters - truth)[active]) for x in (plain, robust)]
     assert error[1] < 0.3 * error[0]
+
+
+@pytest.mark.parametrize("robust", ["huber", "tukey"])
+def test_a_robust_fit_of_normal_errors_is_no_surer_than_least_squares(
+    motion: tuple[DynamicModel, Integers, Array, Rows], robust: Robust
+) -> None:
+    _, active, _, rows = motion
+    logged = _noisy(rows, np.random.default_rng(7).normal(size=rows.torque.shape))
+    plain, other = (least_squares([logged], active, robust=r).deviations[active] for r in (None, robust))
+    # Both are 95 % efficient: nothing is won by not listening to errors that are chance.
+    assert np.median(other / plain) == pytest.approx(0.95**-0.5, abs=0.025)
+
+
+def test_where_errors_are_chance_nothing_is_added_for_a_form_that_is_missed(
+    motion: tuple[DynamicModel, Integers, Array, Rows],
+) -> None:
+    _, active, _, rows = motion
+    logged = [_noisy(rows, np.random.default_rng(8).normal(size=rows.torque.shape))]
+    found = least_squares(logged, active, robust="huber")
+    wide = with_missed_form(found, logged, np.zeros(rows.p), RIDGE)
+    assert np.median((wide.deviations / found.deviations)[active]) < 1.05
 
 
 def test_instruments_take_away_the_bias_of_noisy_accelerations(

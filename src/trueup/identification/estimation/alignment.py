@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.evidence import evidence, jackknife
+from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
@@ -37,17 +38,38 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     least = int(np.argmin(whole))
     each = np.array([_lowest(shifts, whole - one) for one in loss])
     deviation = float(jackknife(each))
-    before, after = loss[:, middle], loss[:, least]
-    inside = 0 < least < len(shifts) - 1
+    shift, inside = _lowest(shifts, whole), 0 < least < len(shifts) - 1
+    # Where the parabola is lowest: on a grid coarser than the shift nothing would be gained by it.
+    before, after = loss[:, middle], np.maximum(_at(shifts, loss, least, shift), 0.0)
     clear = inside and evidence(np.sqrt(before), np.sqrt(after), before).holds
     gain = 1.0 - float(after.sum()) / max(float(before.sum()), TINY)
-    return Alignment(_lowest(shifts, whole), deviation if inside else float("inf"), log_rate, clear, max(gain, 0.0))
+    return Alignment(shift, deviation if inside else float("inf"), log_rate, clear, max(gain, 0.0))
 
 
 def shifted(rows: Rows, shift: float) -> Rows:
     """Rows with their torque taken `shift` s later, so that torque that came late fits its position."""
     step = usual_step(rows.time)
     return replace(rows, torque=np.concatenate([moved(rows.torque[s], shift / step) for s in stretches(rows.time)]))
+
+
+def with_doubtful_clock(estimate: Estimate, rows: Sequence[Rows], alignment: Alignment | None) -> Estimate:
+    """The estimate with deviations that count how far the shift is known: what one standard deviation of it moves.
+
+    K. Murphy and R. Topel, "Estimation and inference in two-step econometric models", J. Business & Economic Statistics
+    3(4), 1985: what a first step found is as doubtful in the second.
+    """
+    if alignment is None or not np.isfinite(alignment.deviation):
+        return estimate
+    late, early = (
+        least_squares(
+            [shifted(r, way * alignment.deviation) for r in rows],
+            estimate.active,
+            estimate.weights,
+            trust=estimate.trust,
+        ).parameters
+        for way in (0.5, -0.5)
+    )
+    return replace(estimate, covariance=estimate.covariance + np.outer(late - early, late - early))
 
 
 def _losses(rows: Sequence[Rows], active: Integers, weights: Array, shifts: Array) -> Array:
@@ -80,6 +102,14 @@ def _blocks(r: Rows, place: Integers, weights: Array, shifts: Array, total: int)
             t += weights[j] * np.sum(torque[keep, j] ** 2, axis=0)
         made.append((G, h, t))
     return made
+
+
+def _at(shifts: Array, loss: Array, near: int, shift: float) -> Array:
+    """(B,) squared errors at a shift, by parabolas through those (B, K) of the shift `near` and its neighbours."""
+    k = int(np.clip(near, 1, len(shifts) - 2))
+    x = (shift - shifts[k]) / (shifts[1] - shifts[0])
+    left, middle, right = loss[:, k - 1], loss[:, k], loss[:, k + 1]
+    return np.asarray(middle + 0.5 * x * (right - left) + 0.5 * x**2 * (right - 2.0 * middle + left))
 
 
 def _lowest(shifts: Array, loss: Array) -> float:

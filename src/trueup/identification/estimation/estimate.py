@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +18,13 @@ from trueup.rounding import NEGLIGIBLE, TINY
 
 _HUBER = 1.345
 """Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""
+_TUKEY = 4.685
+"""Standard deviations from which on an error does not count at all, and ever less before: 95 % efficient for normal errors.
+A. Beaton and J. Tukey, Technometrics 16(2), 1974.
+"""
+_ROUNDS = 8
+Robust = Literal["huber", "tukey"]
+"""Whether samples that a model misses count linearly or stop to count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +39,8 @@ class Estimate:
     """(n,) standard deviation of the torque error of each joint on the training data."""
     weights: Array
     """(n,) of the joints."""
+    trust: tuple[Array, ...] | None = None
+    """(S, n) of each Rows: how much each sample counted in a robust fit; None where all count alike."""
 
     @property
     def deviations(self) -> Array:
@@ -40,13 +50,13 @@ class Estimate:
 
 def least_squares(
     rows: Sequence[Rows], active: Sequence[int] | Integers, weights: Array | None = None, *, prior: Array | None = None,
-    strength: float = RIDGE, robust: bool = False,
+    strength: float = RIDGE, robust: Robust | None = None, trust: Sequence[Array] | None = None,
 ) -> Estimate:  # fmt: skip
     """The fit of some columns; ordinary where `weights` (n,) are not given.
 
-    `prior` (p,) and `strength` draw what the data cannot tell of bodies towards a value. `robust` weighs errors beyond 1.345
-    standard deviations down (iteratively reweighted, Huber). Raises IdentificationError where there are fewer samples than
-    parameters.
+    `prior` (p,) and `strength` draw what the data cannot tell of bodies towards a value. `robust` weighs samples down that
+    the model misses, see `_trusted`; `trust` is what an earlier robust fit found of these rows. Raises IdentificationError
+    where there are fewer samples than parameters.
     """
     act = np.asarray(active, dtype=np.int64)
     n, count = len(rows[0].values), sum(r.length for r in rows)
@@ -54,16 +64,64 @@ def least_squares(
         raise IdentificationError(f"{count} samples of {n} joints are too few for {len(act)} parameters")
     joint_weights = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
     start = np.zeros(rows[0].p) if prior is None else prior
-    parameters, normal, drawn = _solved(rows, act, joint_weights, start, strength, None)
-    doubt = None
-    if robust:
-        for _ in range(8):
-            doubt = [_huber(r.torque - r.predict(parameters)) for r in rows]
-            parameters, normal, drawn = _solved(rows, act, joint_weights, start, strength, doubt)
-    errors = [r.torque - r.predict(parameters) for r in rows]
+
+    def solved(doubt: Sequence[Array] | None) -> tuple[Array, Array, Array]:
+        return _solved(rows, act, joint_weights, start, strength, doubt)
+
+    bent = np.ones(n)
+    if robust is not None:
+        trust, bent = _trusted(rows, lambda doubt: solved(doubt)[0], robust)
+    parameters, normal, drawn = solved(trust)
+    errors = _errors(rows, parameters)
     noise = np.sqrt(sum(np.sum(e**2, axis=0) for e in errors) / count)
-    covariance = _sandwich(rows, act, joint_weights, errors, doubt, normal) + np.outer(drawn, drawn)
-    return Estimate(parameters, covariance, act, noise, joint_weights)
+    if robust is not None and trust is not None:
+        normal = solved([bent * t for t in trust])[1]
+    covariance = _sandwich(rows, act, joint_weights, errors, trust, normal) + np.outer(drawn, drawn)
+    return Estimate(parameters, covariance, act, noise, joint_weights, None if trust is None else tuple(trust))
+
+
+def with_missed_form(estimate: Estimate, rows: Sequence[Rows], prior: Array, strength: float) -> Estimate:
+    """The robust estimate with deviations that count what a model of another form than the robot bends.
+
+    What it misses about reversals (friction of another form) is large and of one sign with the acceleration there: samples
+    that it misses count linearly, and would not at all for Tukey's function. Where errors are chance both estimates agree to
+    a few percent of their deviations, and where they are not, one of them at least is bent: J. Hausman, "Specification tests
+    in econometrics", Econometrica 46(6), 1978. By as much they are unsure.
+    """
+    other = least_squares(rows, estimate.active, estimate.weights, prior=prior, strength=strength, robust="tukey")
+    apart = other.parameters - estimate.parameters
+    return replace(estimate, covariance=estimate.covariance + np.outer(apart, apart))
+
+
+def _trusted(
+    rows: Sequence[Rows], solved: Callable[[Sequence[Array] | None], Array], robust: Robust
+) -> tuple[list[Array], Array]:
+    """(S, n) of each Rows how much each sample counts, and (n,) by how much less the sum of a joint's scores changes with
+    parameters than such weights say: their sum in the bread of a sandwich would leave it too thin.
+
+    The mean slope of scores over the mean weight: P. Huber, "Robust regression", Annals of Statistics 1(5), 1973. Errors that
+    stop to count do so from a fit whose errors count linearly, which has one minimum, by its spread: V. Yohai, "High
+    breakdown-point and high efficiency robust estimates for regression", Annals of Statistics 15(2), 1987.
+    """
+    trust: list[Array] | None = None
+    bends = []
+    for _ in range(_ROUNDS):
+        sizes = [np.abs(e) / _spread(e) for e in _errors(rows, solved(trust))]
+        trust, bends = [_huber(u) for u in sizes], [u < _HUBER for u in sizes]
+    if robust == "tukey":
+        spreads = [_TUKEY * _spread(e) for e in _errors(rows, solved(trust))]
+        for _ in range(_ROUNDS):
+            squares = [
+                np.minimum((e / s) ** 2, 1.0) for e, s in zip(_errors(rows, solved(trust)), spreads, strict=True)
+            ]
+            trust, bends = [(1.0 - u) ** 2 for u in squares], [(1.0 - u) * (1.0 - 5.0 * u) for u in squares]
+    total = sum(t.sum(axis=0) for t in trust or ())
+    return trust or [], sum(b.sum(axis=0) for b in bends) / np.maximum(total, TINY)
+
+
+def _errors(rows: Sequence[Rows], parameters: Array) -> list[Array]:
+    """(S, n) of each Rows what parameters (p,) leave of the torque."""
+    return [r.torque - r.predict(parameters) for r in rows]
 
 
 def weighted_least_squares(
@@ -129,7 +187,7 @@ def _solved(
     what these tell the parameters are that are drawn to zero (A. E. Hoerl and R. W. Kennard, Technometrics 12(1), 1970: the
     bias of a ridge), of which repeated logs would show nothing.
     """
-    parts = rows if doubt is None else [_scaled(r, np.sqrt(d)) for r, d in zip(rows, doubt, strict=True)]
+    parts = rows if doubt is None else [r.scaled(np.sqrt(d)) for r, d in zip(rows, doubt, strict=True)]
     moments = moments_of(parts)
     gram, cross = (x.sum(axis=0) for x in moments.weighted(weights))
     scale = moments.scale[act]
@@ -147,19 +205,13 @@ def _solved(
     return parameters, normal * inverse[:, None] * inverse, drawn
 
 
-def _scaled(rows: Rows, by: Array) -> Rows:
-    """Rows with each sample of each joint multiplied by (S, n) factors."""
-    values = tuple(v * by[:, j] for j, v in enumerate(rows.values))
-    return Rows(rows.columns, values, rows.torque * by, rows.time, rows.p, rows.shrink)
-
-
 def _spread(errors: Array) -> Array:
     """(n,) robust standard deviations, from the median."""
     return np.maximum(spread(errors), TINY)
 
 
 def _huber(errors: Array) -> Array:
-    return np.minimum(1.0, _HUBER * _spread(errors) / np.maximum(np.abs(errors), TINY))
+    return np.minimum(1.0, _HUBER / np.maximum(np.abs(errors), TINY))
 
 
 def _sandwich(

@@ -13,6 +13,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import IdentificationError
+from trueup.identification.estimation.alignment import with_doubtful_clock
 from trueup.identification.estimation.beside_file import beside_file
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.couplings import confirmed, coupled, coupling_notes
@@ -24,12 +25,20 @@ from trueup.identification.estimation.estimate import (
     Estimate,
     least_squares,
     with_doubtful_torque,
+    with_missed_form,
 )
 from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.leaning import NAME as LEAN
 from trueup.identification.estimation.leaning import as_it_leans
 from trueup.identification.estimation.matching import matched
-from trueup.identification.estimation.modelled import Prepared, fitted_blocks, fitted_rows, left_out, prepare
+from trueup.identification.estimation.modelled import (
+    Prepared,
+    as_trusted,
+    fitted_blocks,
+    fitted_rows,
+    left_out,
+    prepare,
+)
 from trueup.identification.estimation.moments import Moments, moments_of
 from trueup.identification.estimation.motion import Log, Motion, Piece, log_of
 from trueup.identification.estimation.outcome import outcome
@@ -39,7 +48,7 @@ from trueup.identification.estimation.pool import (
     kinds_of,
 )
 from trueup.identification.estimation.quick import doubts, measured_speed
-from trueup.identification.estimation.result import Identification
+from trueup.identification.estimation.result import Alignment, Identification
 from trueup.identification.estimation.scales import own_scales
 from trueup.identification.estimation.selection import (
     Choice,
@@ -47,6 +56,7 @@ from trueup.identification.estimation.selection import (
 )
 from trueup.identification.estimation.warming import changed_friction
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 from trueup.inspection.diagnosis import check_refused
 from trueup.inspection.outstanding import NAME
 from trueup.recording import Recording
@@ -121,14 +131,19 @@ def identify(
     pool, nominal, alignment, (pieces, carried, moments, choice) = model(based, coupling)
     say("estimating")
     estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)
-    if coupling.doubts is not None:
-        estimate = with_doubtful_torque(estimate, fitted_rows(pieces), coupling.doubts)
+    estimate = _doubted(estimate, fitted_rows(pieces), alignment, coupling.doubts)
     say("writing")
     return outcome(
         based, pool, choice, estimate, bodies and bodies.fit, written, pieces, alignment, carried=carried, moments=moments,
         nominal=nominal, units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng,
         started=started,
     )  # fmt: skip
+
+
+def _doubted(estimate: Estimate, rows: Sequence[Rows], alignment: Alignment | None, doubts: Array | None) -> Estimate:
+    """The estimate with deviations that count how far clocks and torque constants are known."""
+    estimate = with_doubtful_clock(estimate, rows, alignment)
+    return estimate if doubts is None else with_doubtful_torque(estimate, rows, doubts)
 
 
 def _preparing(
@@ -165,31 +180,36 @@ def _estimated(
     """The estimate, drawn to possible bodies as far as that predicts no worse, those bodies, what a model file can hold, and
     how strongly the estimate is drawn.
     """
-    active, parts = np.flatnonzero(choice.active), fitted_rows(pieces)
-
-    def fit(prior: Array, strength: float) -> Estimate:
-        return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=wanted.robust)
-
-    free = fit(pool.prior(nominal), choice.strength)
+    active, parts, prior = np.flatnonzero(choice.active), fitted_rows(pieces), pool.prior(nominal)
+    robust = "huber" if wanted.robust else None
+    free = least_squares(parts, active, choice.weights, prior=prior, strength=choice.strength, robust=robust)
+    if robust is not None:
+        free = with_missed_form(free, parts, prior, choice.strength)
     if not wanted.consistent:
         return free, None, None, choice
-    # All samples, where the choice of the structure left out those at the borders of blocks.
-    moments = moments_of(fitted_blocks(pieces, 0.0))
+    # All samples, where the choice of the structure left out those at the borders of blocks; bodies by how each is trusted.
+    every, trusted = moments_of(fitted_blocks(pieces, 0.0)), as_trusted(pieces, free.trust)
+    moments = moments_of(fitted_blocks(trusted, 0.0))
     lag = wanted.structure == "select"
     among = np.union1d(active, pool.tied)
     bodies = cross_validated_fit(pool.model, moments, choice.weights, among, nominal, lag=lag)
-    written = file_fit(
-        pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out], choice.active
-    )
+    written = file_fit(pool, every, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out], choice.active)
     if len(bodies.folds) < 2:
         return free, bodies, written, choice
 
     def judged(k: int) -> tuple[Moments, Array]:
-        of = moments_of(kinds_of(pool, pieces)) if k else moments
+        of = moments_of(kinds_of(pool, trusted)) if k else moments
         return of, of.scale * [pool.prior(fold.parameters) for fold in (bodies.without(of) if k else bodies.folds)]
 
     choice = select_pull(judged, choice)
-    near = fit(pool.prior(bodies.fit.parameters), choice.strength)
+    near = least_squares(
+        parts,
+        active,
+        choice.weights,
+        prior=pool.prior(bodies.fit.parameters),
+        strength=choice.strength,
+        trust=free.trust,
+    )
     # Deviations: what the logs tell by themselves.
     return replace(near, covariance=free.covariance), bodies, written, choice
 

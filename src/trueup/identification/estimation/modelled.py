@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from trueup.arrays import Array
 from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.blocks import blocks_of, numbered
@@ -94,19 +96,43 @@ def _select_alignment(
     alignment: Alignment | None, aligned: Sequence[Piece], as_logged: Sequence[Piece],
     structured: Callable[[Sequence[Piece]], Structured],
 ) -> tuple[Alignment | None, Structured]:  # fmt: skip
-    """The model with a shift of torque in time taken out, unless richer friction explains as well what looked like one."""
-    shifted_model = structured(aligned)
-    if alignment is None or not alignment.corrected:
-        return alignment, shifted_model
+    """The model with a shift of torque in time taken out, unless richer friction explains as well what looked like one; then
+    with what of a shift is certain beside that friction.
+    """
+    model = structured(aligned)
+    if alignment is None or alignment.deviation == 0.0:  # none is asked for, or that which was given
+        return alignment, model
+    if not alignment.corrected:
+        return _beside(alignment, model, 0.0), model
     plain = structured(as_logged)
-    if shifted_model[-1].beats(plain[-1]):
-        return alignment, shifted_model
-    return replace(alignment, corrected=False), plain
+    if model[-1].beats(plain[-1]):
+        return _beside(alignment, model, alignment.shift), model
+    found = _beside(alignment, plain, 0.0)
+    if not found.corrected:
+        return found, plain
+    return found, structured([replace(p, rows=shifted(p.rows, found.shift)) for p in as_logged])
+
+
+def _beside(alignment: Alignment, model: Structured, taken: float) -> Alignment:
+    """The shift beside the columns of a model, of whose torque a shift of `taken` s is taken out already."""
+    pieces, _, _, choice = model
+    rest = find_shift(fitted_rows(pieces), np.flatnonzero(choice.active), choice.weights, alignment.rate)
+    if taken:
+        return replace(alignment, deviation=rest.deviation)
+    return replace(rest, corrected=alignment.corrected and rest.corrected)
 
 
 def fitted_rows(pieces: Sequence[Piece]) -> list[Rows]:
     """What is fitted."""
     return [p.rows for p in pieces if not p.held_out]
+
+
+def as_trusted(pieces: Sequence[Piece], trust: Sequence[Array] | None) -> list[Piece]:
+    """The pieces, each sample of those that are fitted with as much weight as `trust` (S, n) gives it."""
+    if trust is None:
+        return list(pieces)
+    given = iter(trust)
+    return [p if p.held_out else replace(p, rows=p.rows.scaled(np.sqrt(next(given)))) for p in pieces]
 
 
 def fitted_blocks(pieces: Sequence[Piece], margin: float) -> list[Rows]:
