@@ -23,6 +23,7 @@ _TUKEY = 4.685
 A. Beaton and J. Tukey, Technometrics 16(2), 1974.
 """
 _ROUNDS = 8
+"""Repetitions of a robust fit, each with weights by the errors of the one before."""
 Robust = Literal["huber", "tukey"]
 """Whether samples that a model misses count linearly or stop to count."""
 
@@ -55,8 +56,8 @@ def least_squares(
     """The fit of some columns; ordinary where `weights` (n,) are not given.
 
     `prior` (p,) and `strength` draw what the data cannot tell of bodies towards a value. `robust` weighs samples down that
-    the model misses, see `_trusted`; `trust` is what an earlier robust fit found of these rows. Raises IdentificationError
-    where there are fewer samples than parameters.
+    the model misses, see `_trusted`; `trust` is what an earlier robust fit found of these rows: it stays, or is where
+    "tukey" begins. Raises IdentificationError where there are fewer samples than parameters.
     """
     act = np.asarray(active, dtype=np.int64)
     n, count = len(rows[0].values), sum(r.length for r in rows)
@@ -70,7 +71,7 @@ def least_squares(
 
     bent = np.ones(n)
     if robust is not None:
-        trust, bent = _trusted(rows, lambda doubt: solved(doubt)[0], robust)
+        trust, bent = _trusted(rows, lambda doubt: solved(doubt)[0], robust, trust)
     parameters, normal, drawn = solved(trust)
     errors = _errors(rows, parameters)
     noise = np.sqrt(sum(np.sum(e**2, axis=0) for e in errors) / count)
@@ -88,14 +89,19 @@ def with_missed_form(estimate: Estimate, rows: Sequence[Rows], prior: Array, str
     a few percent of their deviations, and where they are not, one of them at least is bent: J. Hausman, "Specification tests
     in econometrics", Econometrica 46(6), 1978. By as much they are unsure.
     """
-    other = least_squares(rows, estimate.active, estimate.weights, prior=prior, strength=strength, robust="tukey")
+    other = least_squares(
+        rows, estimate.active, estimate.weights, prior=prior, strength=strength, robust="tukey", trust=estimate.trust
+    )
     apart = other.parameters - estimate.parameters
     return replace(estimate, covariance=estimate.covariance + np.outer(apart, apart))
 
 
 def _trusted(
-    rows: Sequence[Rows], solved: Callable[[Sequence[Array] | None], Array], robust: Robust
-) -> tuple[list[Array], Array]:
+    rows: Sequence[Rows],
+    solved: Callable[[Sequence[Array] | None], Array],
+    robust: Robust,
+    trust: Sequence[Array] | None,
+) -> tuple[Sequence[Array], Array]:
     """(S, n) of each Rows how much each sample counts, and (n,) by how much less the sum of a joint's scores changes with
     parameters than such weights say: their sum in the bread of a sandwich would leave it too thin.
 
@@ -103,9 +109,8 @@ def _trusted(
     stop to count do so from a fit whose errors count linearly, which has one minimum, by its spread: V. Yohai, "High
     breakdown-point and high efficiency robust estimates for regression", Annals of Statistics 15(2), 1987.
     """
-    trust: list[Array] | None = None
-    bends = []
-    for _ in range(_ROUNDS):
+    bends = list[Array]()
+    for _ in range(0 if trust is not None and robust == "tukey" else _ROUNDS):
         sizes = [np.abs(e) / _spread(e) for e in _errors(rows, solved(trust))]
         trust, bends = [_huber(u) for u in sizes], [u < _HUBER for u in sizes]
     if robust == "tukey":
