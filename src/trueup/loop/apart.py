@@ -23,10 +23,7 @@ from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 
 GLANCE = 2.5  # s: the least of each recording that a first look takes
-_SEEN_FROM = 2  # places from which it is seen what a parameter changes
-_MOVED = (
-    0.2  # share of the box by which parameters are moved to see what they change: a limit has no slope until it is met
-)
+_MOVED = 0.2  # of the box: parameters are moved so far to see what they change, as a limit does nothing until it is met
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ def valleys(
     """
     seen = problem.residuals(space.from_unit(np.stack(starts)))
     good = [start for start, residual in zip(starts, seen, strict=True) if np.isfinite(residual).all()]
-    parts = parts_of(problem, space, good[:_SEEN_FROM])
+    parts = parts_of(problem, space, good[:2])  # where a search begins, what a parameter does may not be seen
     lanes = [[_search(space, start, part, robust, tolerance) for part in parts] for start in good]
     if not (parts and lanes):
         return [starts[0]]

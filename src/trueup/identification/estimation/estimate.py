@@ -22,8 +22,6 @@ _TUKEY = 4.685
 """Standard deviations from which on an error does not count at all, and ever less before: 95 % efficient for normal errors.
 A. Beaton and J. Tukey, Technometrics 16(2), 1974.
 """
-_ROUNDS = 8
-"""Repetitions of a robust fit, each with weights by the errors of the one before."""
 Robust = Literal["huber", "tukey"]
 """Whether samples that a model misses count linearly or stop to count."""
 
@@ -109,13 +107,13 @@ def _trusted(
     stop to count do so from a fit whose errors count linearly, which has one minimum, by its spread: V. Yohai, "High
     breakdown-point and high efficiency robust estimates for regression", Annals of Statistics 15(2), 1987.
     """
-    bends = list[Array]()
-    for _ in range(0 if trust is not None and robust == "tukey" else _ROUNDS):
+    bends, rounds = list[Array](), 8  # each with weights by the errors of the one before
+    for _ in range(0 if trust is not None and robust == "tukey" else rounds):
         sizes = [np.abs(e) / _spread(e) for e in _errors(rows, solved(trust))]
         trust, bends = [_huber(u) for u in sizes], [u < _HUBER for u in sizes]
     if robust == "tukey":
         spreads = [_TUKEY * _spread(e) for e in _errors(rows, solved(trust))]
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             squares = [
                 np.minimum((e / s) ** 2, 1.0) for e, s in zip(_errors(rows, solved(trust)), spreads, strict=True)
             ]
