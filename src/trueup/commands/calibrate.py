@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 ABOUT = """\
 Finds the parameters of a robot model (MJCF or URDF) with which it replays the recordings, says how sure each one is,
 and judges the result on recordings that were held out. In DIR you find the calibrated model, parameters.toml,
-report.html (start there), replay.svg and calibration.json. Ctrl-C is fine: the same command goes on from there.
+report.html (start there), replay.svg and calibration.json; where the recordings show what the model lacks,
+parameters_lacking.toml has it, to be given back. Ctrl-C is fine: the same command goes on from there.
 
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
   trueup calibrate robot.xml logs/*.csv --hold-out 'walk_*' --parameters mine.toml --out fit
