@@ -42,6 +42,29 @@ def test_counts_of_a_joint_without_a_range_are_refused_beside_commands_in_rad_wi
         prepare(tmp_path / "arm.xml", [run])
 
 
+def test_counts_of_slides_and_of_joints_that_nothing_commands_are_refused_with_what_to_write(tmp_path: Path) -> None:
+    cart = (
+        '<mujoco><worldbody><body><joint name="s" type="slide" axis="1 0 0" range="-.5 .5"/><geom size=".05"/><body>'
+        '<joint name="p" axis="0 1 0"/><geom size=".02" pos="0 0 -.2"/></body></body></worldbody>'
+        '<actuator><motor joint="s"/></actuator></mujoco>'
+    )
+    (tmp_path / "cart.xml").write_text(cart)
+    time = np.arange(0.0, 2.0, 0.02)
+    push = Channel("command_torque", ("s",), "N", time, np.sin(3.0 * time)[:, None])
+    counts = np.round(np.stack([12000.0 + 6000.0 * np.sin(3.0 * time), 1400.0 * np.sin(5.0 * time)], axis=1))
+
+    def run(labels: tuple[str, ...], scale: float, unit: str = "") -> Recording:
+        seen = Channel("position", ("s", "p"), unit, time, scale * counts).select(labels)
+        return Recording("run", {c.name: c for c in (push, seen)})
+
+    with pytest.raises(RecordingError, match=r"'s', which reaches 1\.8e\+04, is far beyond .* metres of one count"):
+        suited(load(tmp_path / "cart.xml"), [run(("s", "p"), 1.0)])
+    with pytest.raises(RecordingError, match=r"'p', which reaches 1\d\d\d, would turn many times"):
+        suited(load(tmp_path / "cart.xml"), [run(("p",), 1.0)])
+    for taken in (run(("s",), 2e-5), run(("s",), 0.02), run(("p",), 1e-3), run(("s",), 1.0, "m")):  # m, mm, rad, told
+        suited(load(tmp_path / "cart.xml"), [taken])
+
+
 def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(_ARM)
     time = np.arange(0.0, 2.0, 0.02)

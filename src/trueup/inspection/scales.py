@@ -10,13 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import RecordingError
-from trueup.inspection.relations import CORRELATED
 from trueup.inspection.zeros import FAR
 from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
-from trueup.samples import correlation
-from trueup.trial import COMMANDS, command_of
+from trueup.trial import COMMANDS
 from trueup.units import hardly_radians, numbers_of, size_of
 
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
@@ -26,7 +23,7 @@ _STILL = 0.1
 """Numbers that a joint spans which stands still, in either unit."""
 BESIDE = 0.1
 """Of its range (or of shares of it) that a slide may be measured beyond its ends."""
-_OTHER_UNIT = math.sqrt(numbers_of("deg"))
+OTHER_UNIT = math.sqrt(numbers_of("deg"))
 """Times as large from which on numbers are rather degrees beside rad than both in one unit, by the logarithm: joints that
 follow, and steps of a robot's encoders, differ by less, counts of a turn by more."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
@@ -62,7 +59,7 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
     if not _beyond_turns(joints, without) or _wheels_alone(joints, without):
         return [_in_rad(joints, r, 1.0, short) if r in without else r for r in recordings], said
     degree = size_of("deg")
-    if not all(_within(joints, r.channel("position"), degree) for r in without):
+    if not all(within(joints, r.channel("position"), degree) for r in without):
         return list(recordings), []
     names = ", ".join(r.name for r in without)
     note = (
@@ -84,47 +81,8 @@ def _wheels_alone(joints: Mapping[str, Way], recordings: Sequence[Recording]) ->
     """Whether none but joints without a range go further, beside others that stay in theirs in rad."""
     ranges = {j: way for j, way in joints.items() if way.range is not None and not way.slides}
     beside = all(set(ranges) & set(r.channel("position").labels) for r in recordings)
-    inside = all(_within(ranges, r.channel("position"), 1.0) for r in recordings)
-    return beside and inside and not _beyond_turns(joints, recordings, limited=True)
-
-
-def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> None:
-    """Raises RecordingError for hinges whose positions have no unit and leave their range in rad and in degrees."""
-    for recording in (r for r in recordings if r.has("position") and not r.channel("position").unit):
-        channel = recording.channel("position")
-        for label in (j for j in channel.labels if j in joints and not joints[j].slides and joints[j].range):
-            most = float(np.nanmax(np.abs(channel.column(label)), initial=0.0))
-            if hardly_radians(most) and not _within(joints, channel.select([label]), size_of("deg")):
-                low, high = joints[label].ends
-                raise RecordingError(
-                    f"'{recording.name}': positions have no unit, and '{label}', which reaches {most:.4g}, is beyond its "
-                    f"range in the model ({low:.3g} to {high:.3g} rad) in rad and in degrees: say what they are in "
-                    'the mapping (trueup inspect writes one): "deg", "rev", ...; for counts of an encoder unit = "rad" and '
-                    "scale = 6.2832 / counts of a turn"
-                )
-
-        for label in (j for j in channel.labels if j in joints and not joints[j].slides):
-            times = _times_as_far(recording, label)
-            if times > _OTHER_UNIT:
-                turn = math.tau * times
-                raise RecordingError(
-                    f"'{recording.name}': positions have no unit, and '{label}' moves {times:.4g} times as far as it is "
-                    f'commanded in rad: say what they are in the mapping (trueup inspect writes one): "deg" (57.3 times), '
-                    f'"rev", ...; for counts of an encoder unit = "rad" and scale = 6.2832 / counts of a turn, which seem to '
-                    f"be about {turn:.0f} here (the nearest power of two: {2 ** round(math.log2(turn))})"
-                )
-
-
-def _times_as_far(recording: Recording, label: str) -> float:
-    """How many times as far a joint moves as it is told to in rad, which it follows; 0 where it does not, or is not told."""
-    command, position = command_of(recording), recording.channel("position")
-    if command is None or label not in command.labels or command.unit_of(label) != "rad":
-        return 0.0
-    told, seen = command.select([label]).at(position.time, hold=True)[:, 0], position.column(label)
-    good = np.isfinite(told) & np.isfinite(seen)
-    if correlation(told, seen) < CORRELATED:
-        return 0.0
-    return float(np.std(seen[good]) / np.std(told[good]))
+    stay = all(within(ranges, r.channel("position"), 1.0) for r in recordings)
+    return beside and stay and not _beyond_turns(joints, recordings, limited=True)
 
 
 def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tuple[list[str], list[str]]:
@@ -132,8 +90,8 @@ def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) 
     a gripper, is in mm only beside a slide that cannot be.
     """
     slides = [j for j, way in joints.items() if way.slides and way.range is not None]
-    short = [j for j in slides if len(v := _unsaid(recordings, j)) and _beyond(joints[j], v) and _inside(joints[j], v)]
-    if set(short) <= _shares({j: joints[j] for j in slides}, recordings).keys():
+    short = [j for j in slides if len(v := unsaid(recordings, j)) and beyond(joints[j], v) and inside(joints[j], v)]
+    if set(short) <= shares({j: joints[j] for j in slides}, recordings).keys():
         return [], []
     return short, [
         f"positions without a unit of {', '.join(short)} are taken as mm, which fits the range in the model; if they are "
@@ -141,7 +99,7 @@ def _in_millimetres(joints: Mapping[str, Way], recordings: Sequence[Recording]) 
     ]
 
 
-def _unsaid(recordings: Sequence[Recording], slide: str, channels: Sequence[str] = ("position",)) -> Array:
+def unsaid(recordings: Sequence[Recording], slide: str, channels: Sequence[str] = ("position",)) -> Array:
     """Positions of a slide of which nobody said that they are lengths."""
     every = [c.column(slide) for r in recordings for c in map(r.channels.get, channels)
              if c is not None and slide in c.labels and c.unit_of(slide) != "m"]  # fmt: skip
@@ -149,13 +107,13 @@ def _unsaid(recordings: Sequence[Recording], slide: str, channels: Sequence[str]
     return values[np.isfinite(values)]
 
 
-def _beyond(way: Way, metres: Array) -> bool:
+def beyond(way: Way, metres: Array) -> bool:
     """Whether a slide was measured further beyond its range than that is long."""
     (low, high), whole = way.ends, way.ends[1] - way.ends[0]
     return bool(metres.min() < low - whole or metres.max() > high + whole)
 
 
-def _inside(way: Way, numbers: Array) -> bool:
+def inside(way: Way, numbers: Array) -> bool:
     """Whether a slide stays in its range, the numbers taken as mm."""
     (low, high), metres = way.ends, numbers * size_of("mm")
     beside = BESIDE * (high - low)
@@ -170,25 +128,25 @@ def _of_two_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) ->
     every = {j: np.concatenate([r.channel("position").column(j) for r in recordings if j in r.channel("position").labels])
              for j in labels}  # fmt: skip
     grids = {j: estimate_grid(values) for j, values in every.items()}
-    beyond = [j for j, values in every.items() if hardly_radians(float(np.nanmax(np.abs(values))))]
-    finest = min((g for j in beyond if (g := grids[j]) is not None), default=None)
-    small = [j for j, values in every.items() if j not in beyond and _rad_sized(joints[j], values)]
+    turned = [j for j, values in every.items() if hardly_radians(float(np.nanmax(np.abs(values))))]
+    finest = min((g for j in turned if (g := grids[j]) is not None), default=None)
+    small = [j for j, values in every.items() if j not in turned and _rad_sized(joints[j], values)]
     if finest is not None:  # encoders differ, but hardly by what degrees and rad do
-        small = [j for j in small if (g := grids[j]) is None or not finest / _OTHER_UNIT < g < finest * _OTHER_UNIT]
+        small = [j for j in small if (g := grids[j]) is None or not finest / OTHER_UNIT < g < finest * OTHER_UNIT]
     if not small:
         return ""
     units = ", ".join('"rad"' if j in small else '"deg"' for j in labels)
     return (
         f". {', '.join(small)} would then hardly move, by less than {_HARDLY:g} degrees: if these are rad, beside degrees of "
-        f"{', '.join(beyond)}, say units = [{units}] in place of unit for position, and for command"
+        f"{', '.join(turned)}, say units = [{units}] in place of unit for position, and for command"
     )
 
 
 def _rad_sized(way: Way, values: Array) -> bool:
     """Whether a joint that moves stays within its range in rad, and would hardly move in degrees."""
     span = float(np.nanmax(values) - np.nanmin(values))
-    within = way.ends[0] - FAR <= np.nanmin(values) and np.nanmax(values) <= way.ends[1] + FAR
-    return bool(within and _STILL < span < _HARDLY)
+    in_range = way.ends[0] - FAR <= np.nanmin(values) and np.nanmax(values) <= way.ends[1] + FAR
+    return bool(in_range and _STILL < span < _HARDLY)
 
 
 def _hinges(joints: Mapping[str, Way], channel: Channel, but: Sequence[str] = ()) -> Array:
@@ -203,27 +161,27 @@ def of_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tup
     Openings of grippers that are logged as shares (0 ... 1) or percent of the way become lengths; notes say which.
     """
     slides = [j for j, way in joints.items() if way.slides]
-    shares = _shares({label: joints[label] for label in slides}, recordings)
+    taken = shares({label: joints[label] for label in slides}, recordings)
     result = []
     for recording in recordings:
         for channel in recording.channels.values():
             if channel.unit in _LINEAR and set(slides) & set(channel.labels):
-                recording = recording.with_channel(_in_metres(joints, channel, slides, shares))
+                recording = recording.with_channel(_in_metres(joints, channel, slides, taken))
         result.append(recording)
     note = (
-        f"taken as shares of their joints' ranges, since they reach far beyond them: {', '.join(shares)}; say so if they are "
+        f"taken as shares of their joints' ranges, since they reach far beyond them: {', '.join(taken)}; say so if they are "
         "anything else"
     )
-    return result, [note] if shares else []
+    return result, [note] if taken else []
 
 
-def _shares(slides: Mapping[str, Way], recordings: Sequence[Recording]) -> dict[str, float]:
+def shares(slides: Mapping[str, Way], recordings: Sequence[Recording]) -> dict[str, float]:
     """What the whole way of each slide is that was logged as shares of it; of drives that move several, by their commands."""
     found = {label: whole for label, way in slides.items() if (whole := _share(way, recordings, label))}
     for drive in [label for label in found if slides[label].of]:
         low, high = slides[drive].ends
         for joint in slides[drive].of:  # all of its way is all of theirs, whatever a unit of it moves
-            if joint in slides and _far_beyond(slides[joint], _unsaid(recordings, joint)):
+            if joint in slides and _far_beyond(slides[joint], unsaid(recordings, joint)):
                 found[joint] = found[drive] * (slides[joint].ends[1] - slides[joint].ends[0]) / (high - low)
     return found
 
@@ -235,12 +193,12 @@ def _far_beyond(way: Way, values: Array) -> bool:
 
 def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
     """What the whole way of a slide is in its positions, 1 or 100; 0 where these are lengths, in mm too, or neither."""
-    values = _unsaid(recordings, slide, COMMANDS[:2] if way.of else ("position",))
+    values = unsaid(recordings, slide, COMMANDS[:2] if way.of else ("position",))
     if way.range is None or not _far_beyond(way, values):
         return 0.0
     largest = float(values.max())
     for whole in (1.0, 100.0):
-        if whole == 100.0 and _inside(way, values) and way.ends[1] - way.ends[0] < whole * size_of("mm"):
+        if whole == 100.0 and inside(way, values) and way.ends[1] - way.ends[0] < whole * size_of("mm"):
             return 0.0  # either fits; as mm it goes through more of its way, and people open and close grippers
         beside = BESIDE * whole
         if largest <= whole + beside and values.min() >= -beside and (whole == 1.0 or largest > 2.0):
@@ -249,20 +207,20 @@ def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
 
 
 def _in_metres(
-    joints: Mapping[str, Way], channel: Channel, slides: Sequence[str], shares: Mapping[str, float]
+    joints: Mapping[str, Way], channel: Channel, slides: Sequence[str], wholes: Mapping[str, float]
 ) -> Channel:
     values = np.array(channel.values)
     for column, label in enumerate(channel.labels):
-        if label in shares and channel.unit_of(label) == "rad":
+        if label in wholes and channel.unit_of(label) == "rad":
             lower, upper = joints[label].ends
-            values[:, column] = lower + (upper - lower) * values[:, column] / shares[label]
+            values[:, column] = lower + (upper - lower) * values[:, column] / wholes[label]
     units = tuple(_LINEAR[channel.unit] if label in slides else channel.unit for label in channel.labels)
     if len(set(units)) == 1:
         return channel.replace(unit=units[0], values=values)
     return channel.replace(units=units, values=values)
 
 
-def _within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
+def within(joints: Mapping[str, Way], channel: Channel, factor: float) -> bool:
     """Whether every joint that the model has stays in its range, where one of the numbers is `factor` rad."""
     hinges = [label for label in channel.labels if label in joints and not joints[label].slides]
     limited = [label for label in hinges if joints[label].range is not None]  # others may turn on and on

@@ -16,9 +16,9 @@ from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo, takes
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
-from trueup.inspection.scales import check_units
 from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
+from trueup.inspection.unfit import check_slides, check_units
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS, ENABLED, command_of, drives_off
 
@@ -161,7 +161,9 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     Raises ModelError where servos would have to take torques, and RecordingError for positions that fit no unit.
     """
     named, notes = by_the_only_joint(recordings, model.scalar_joints())
-    named, more = with_units(model, [in_angles(r) for r in named])
+    named = [in_angles(r) for r in named]
+    check_slides(ways(model), named)
+    named, more = with_units(model, named)
     check_units(ways(model), named)
     named, still_more = of_slides(model, named)
     notes += [*more, *still_more, *at_odds(named)]
