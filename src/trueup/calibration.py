@@ -222,12 +222,18 @@ def by_label(replays: Sequence[Replay]) -> dict[str, list[Replay]]:
 
 
 def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
-    """Replays with one unit each: those of channels that `recordings` have in several (hinges and slides) come apart."""
-    units = {(r.name, name): dict(zip(c.labels, c.units, strict=True)) for r in recordings
-             for name, c in r.channels.items() if c.units}  # fmt: skip
+    """Replays with one unit each: those of channels that `recordings` have in several (hinges and slides) come apart.
+
+    Replays of parts, which a calibration made and named itself, are in the units that the same labels have in any recording.
+    """
+    units = {(r.name, name): dict(zip(c.labels, c.units, strict=False)) for r in recordings
+             for name, c in r.channels.items()}  # fmt: skip
+    anywhere: dict[str, dict[str, str]] = {}
+    for (_, name), of_labels in units.items():
+        anywhere.setdefault(name, {}).update(of_labels)
     found: list[Replay] = []
     for replay in replays:
-        of = units.get((replay.recording, replay.channel), {})
+        of = units.get((replay.recording, replay.channel), anywhere.get(replay.channel, {}))
         each = [of.get(label, replay.unit) for label in replay.labels]
         found += [
             replace(replay, unit=unit).columns([i for i, u in enumerate(each) if u == unit])

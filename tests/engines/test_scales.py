@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -103,10 +104,14 @@ def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:
     assert run.channel("position").select(["s"]).units == ("m",)
     whole = Replay("run", False, "position", ("j", "s"), "rad", time, values, values + 0.2, values + np.array((0.1, 1e-3)),
                    noise=np.array([0.1, 0.001]))  # fmt: skip
-    hinge, slide_only = by_unit([whole], [run])
-    assert (hinge.labels, hinge.unit, slide_only.labels, slide_only.unit) == (("j",), "rad", ("s",), "m")
-    assert slide_only.rmse_after() == pytest.approx(0.001)
-    assert slide_only.noise == pytest.approx(0.001)
+    for replay in (
+        whole,
+        dataclasses.replace(whole, recording="run part 2"),
+    ):  # a part that the calibration made itself
+        hinge, slide_only = by_unit([replay], [run])
+        assert (hinge.labels, hinge.unit, slide_only.labels, slide_only.unit) == (("j",), "rad", ("s",), "m")
+        assert slide_only.rmse_after() == pytest.approx(0.001)
+        assert slide_only.noise == pytest.approx(0.001)
 
 
 @pytest.mark.parametrize(("whole", "unit"), [(1.0, "rad"), (100.0, "rad"), (100.0, "")])
