@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from trueup.arrays import Array, Mask
-from trueup.inspection.pauses import parted_at_pauses
+from trueup.inspection.pauses import parted_at_pauses, parts_between
+from trueup.inspection.stamps import Gap
 from trueup.recording import PART_OF, Channel, Recording
+from trueup.trial import Trial
 
 TIME: Array = 0.01 * np.arange(800, dtype=np.float64)
 MOVING = 0.5 * np.sin(2.0 * TIME)
@@ -33,6 +35,23 @@ def test_a_log_with_a_pause_is_two_recordings_and_a_note_says_when() -> None:
     assert second.channel("command").values[0, 0] == pytest.approx(MOVING[500])
     assert "'jog' has a pause" in note
     assert "2.99 ... 5 s" in note
+
+
+def test_nothing_is_measured_behind_a_pause_while_what_was_commanded_in_it_may_act() -> None:
+    (first, second), _ = parted_at_pauses([log(without((3.0, 5.0)))], late=0.1)
+    assert first.stop == pytest.approx(2.99)
+    assert second.channel("position").time[0] == pytest.approx(5.1)
+    told = Trial.of(second).command
+    assert told is not None
+    assert (Trial.of(second).start, told.time[0]) == (pytest.approx(5.1), pytest.approx(5.0))
+
+
+def test_parts_of_which_nothing_was_lost_know_what_was_commanded_before_them() -> None:
+    whole = log(without((8.0, 9.0)))
+    first, second = parts_between(whole, [Gap(3.0, 2.0)], known=1.0)
+    assert first.start == 0.0
+    assert second.channel("position").time[0] == pytest.approx(5.0)
+    assert second.channel("command").time[0] == pytest.approx(4.0)
 
 
 def test_rows_without_values_are_a_pause_too() -> None:

@@ -16,35 +16,39 @@ from trueup.recording import Channel, Recording, is_command, part_of
 from trueup.rounding import PRINTED
 
 
-def parted_at_pauses(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+def parted_at_pauses(recordings: Sequence[Recording], late: float = 0.0) -> tuple[list[Recording], list[str]]:
     """Recordings in parts between their pauses, each from where the robot was measured to be then, and notes.
 
-    Those without pauses are the same objects. What has fewer than `FEWEST` samples is left out; a recording that would
-    have no part left stays whole.
+    Those without pauses are the same objects. Commands act up to `late` s after they were given: so long behind a pause
+    nothing is measured yet, since what was commanded in it acts. What has fewer than `FEWEST` samples is left out; a
+    recording that would have no part left stays whole.
     """
 
     def said(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
         count = "a pause" if len(gaps) == 1 else f"{len(gaps)} pauses"
         return (
             f"'{recording.name}' has {count} without command and position ({spans}): what was commanded then is unknown; it "
-            f"is replayed as {parts}, each from where the robot was measured to be"
+            f"is replayed as {parts}, each from where the robot was measured to be{waits}"
         )
 
-    return parted(recordings, pauses, said)
+    waits = f", {late:g} s behind a pause, when what was commanded in it has acted" if late else ""
+
+    return parted(recordings, pauses, said, late)
 
 
 def parted(
     recordings: Sequence[Recording],
     gaps_of: Callable[[Recording], Sequence[Gap]],
     said: Callable[[Recording, Sequence[Gap], str, str], str],
+    late: float = 0.0,
 ) -> tuple[list[Recording], list[str]]:
     """Recordings in parts between their gaps, or as they are, and a note on each that was parted: what is `said` of it, its
-    gaps, these as words, and the names of its parts.
+    gaps, these as words, and the names of its parts. See `parts_between` for `late`.
     """
     result, notes = list[Recording](), list[str]()
     for recording in recordings:
         gaps = gaps_of(recording)
-        parts = parts_between(recording, gaps) if gaps else []
+        parts = parts_between(recording, gaps, late) if gaps else []
         result += parts or [recording]
         if parts:
             spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in gaps[:3])
@@ -85,17 +89,29 @@ def _leaps(command: Channel, gaps: Sequence[Gap]) -> Mask:
     return leaps
 
 
-def parts_between(recording: Recording, gaps: Sequence[Gap]) -> list[Recording]:
-    """What lies before, between and behind the gaps, as recordings of their own; none of fewer than `FEWEST` samples."""
-    begins = [recording.start, *(_resumed(recording, g.start + g.duration) for g in gaps)]
+def parts_between(recording: Recording, gaps: Sequence[Gap], late: float = 0.0, known: float = 0.0) -> list[Recording]:
+    """What lies before, between and behind the gaps, as recordings of their own; none of fewer than `FEWEST` samples.
+
+    Behind a gap nothing is measured for the first `late` s; commands go back by `known` s, into the gap.
+    """
+    again = [_resumed(recording, g.start + g.duration) for g in gaps]
+    begins = [(recording.start, recording.start), *((b - known, b + late) for b in again)]
     ends = [*(g.start for g in gaps), recording.stop]
     position = _known(recording.channel("position"))
-    spans = [
-        (a, b) for a, b in zip(begins, ends, strict=True)
-        if np.count_nonzero((position >= a) & (position <= b)) >= FEWEST
+    parts = [
+        _part(recording, max(told, recording.start), seen, end) for (told, seen), end in zip(begins, ends, strict=True)
+        if np.count_nonzero((position >= seen) & (position <= end)) >= FEWEST
     ]  # fmt: skip
-    parts = [recording.slice(a, b) for a, b in spans]
     return [p.replace(name=f"{recording.name} part {k}", provenance=part_of(p)) for k, p in enumerate(parts, 1)]
+
+
+def _part(recording: Recording, told: float, seen: float, end: float) -> Recording:
+    """What was commanded from `told` on and measured from `seen` on, until `end`, in s."""
+    part = recording.slice(seen, end)
+    if told == seen:
+        return part
+    commands = {name: c for name, c in recording.slice(told, end).channels.items() if is_command(name)}
+    return part.replace(channels={**part.channels, **commands})
 
 
 def _resumed(recording: Recording, instant: float) -> float:

@@ -28,7 +28,7 @@ from trueup.loop.problem import Problem
 from trueup.noise import UNUSUAL
 from trueup.recording import Recording
 from trueup.samples import MOST
-from trueup.trial import command_of
+from trueup.trial import SETTLE, command_of
 
 _LEAST = 1e-3
 """rad, m or N m that a command goes at least: encoders see less than that, and numbers are written with as much."""
@@ -119,7 +119,7 @@ class LeftOut:
         """Recordings in parts between these stretches, each from where the robot was; the others are the same objects."""
         result = list(recordings)
         for found in self.gaps:
-            parts = [parts_between(r, [Gap(*g) for g in found.get(r.name, ())]) for r in result]
+            parts = [parts_between(r, [Gap(*g) for g in found.get(r.name, ())], known=SETTLE) for r in result]
             result = [p for r, own in zip(result, parts, strict=True) for p in (own if r.name in found else [r])]
         return result
 

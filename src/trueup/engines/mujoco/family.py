@@ -28,6 +28,7 @@ from trueup.engines.mujoco.setup.drives import (
     by_the_only_joint,
     check_joints,
     driven,
+    parted_at_pauses,
     suited,
     torques_as_commands,
     uncommanded,
@@ -57,7 +58,6 @@ from trueup.inspection.diagnosis import Diagnosis, all_edited, edited
 from trueup.inspection.feedforward import with_feedforward
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
-from trueup.inspection.pauses import parted_at_pauses
 from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.released import without_released
 from trueup.inspection.scattered import gathered

@@ -9,6 +9,7 @@ from json import dumps
 import mujoco
 
 from trueup.articulated.pose import in_angles
+from trueup.articulated.quantities.known import quantity
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.mixed_commands import with_mixed_commands
 from trueup.engines.mujoco.setup.proposal import moving_joints
@@ -16,6 +17,7 @@ from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.servos import add_servos, add_speed_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor, is_speed_servo, takes
 from trueup.errors import ModelError, RecordingError, TrueupError, listed, unknown_name
+from trueup.inspection import pauses
 from trueup.inspection.strangers import several_robots
 from trueup.inspection.suspicions import at_odds
 from trueup.inspection.unfit import check_slides, check_units
@@ -185,6 +187,11 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
             f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
         )
     return kept, notes
+
+
+def parted_at_pauses(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """See `inspection.pauses.parted_at_pauses`: as long after a pause as any delay that is searched, nothing is compared."""
+    return pauses.parted_at_pauses(recordings, late=quantity("delay").bounds(0.0)[1])
 
 
 def torques_as_commands(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
