@@ -75,3 +75,18 @@ def test_the_only_joint_of_a_model_is_no_other_one_under_a_mapping_that_is_there
     assert main(["inspect", "log.csv"]) == main(["inspect", "log.csv", "--model", "bench.xml"]) == 0
     assert "[horn]" in (said := capsys.readouterr().out)
     assert "has no joint" not in said
+
+
+def test_channels_that_the_mapping_says_are_shares_lack_no_unit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0.0, 3.0, 0.02)
+    rows = np.stack([time, np.sin(time), 500.0 * np.sin(time)], axis=1)
+    np.savetxt("log.csv", rows, delimiter=",", header="t,q_cart,u_cart", comments="")
+    told = '[time]\ncolumn = "t"\n[channels.position]\ncolumns = ["q_cart"]\nlabels = ["cart"]\nunit = "m"\n'
+    push = '[channels.command_torque]\ncolumns = ["u_cart"]\nlabels = ["cart"]\nunit = "{}"\n'
+    for unit, said in (("permille", "1 x share"), ("", "unit unknown: say it in the mapping")):
+        Path("mapping.toml").write_text(told + push.format(unit))
+        assert main(["inspect", "log.csv"]) == 0
+        assert said in capsys.readouterr().out

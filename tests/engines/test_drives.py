@@ -184,6 +184,21 @@ def test_logs_of_which_none_says_what_the_drives_did_are_refused(tmp_path: Path)
     simulator_for(_model(tmp_path, ""), [silent])  # a passive model
 
 
+def test_duties_are_said_to_be_the_controls_of_motors_which_they_drive_then(tmp_path: Path) -> None:
+    swing = _swing()
+    told = swing.channel("command_torque")
+    shares = told.replace(values=told.values / 5.0, unit="")  # of a motor that gives 5 N m
+    log = swing.without("command_torque").with_channel(shares.replace(name="duty"))
+    with pytest.raises(RecordingError, match=r"duty: if these drove the motors.* controls .*unit = \"%\" or none"):
+        simulator_for(_model(tmp_path, _MOTOR), [log])
+    simulator, _ = simulator_for(_model(tmp_path, _MOTOR), [swing])
+    as_torque, as_shares = (
+        simulator.rollout([Trial.of(run)], simulator.parameters.nominal[None])[0].channels["position"]
+        for run in (swing, swing.with_channel(shares))
+    )
+    np.testing.assert_allclose(as_shares, as_torque)
+
+
 def test_a_log_without_commands_beside_others_is_said_to_drive_nothing(tmp_path: Path) -> None:
     ready = prepare(_model(tmp_path, _MOTOR), [_swing()], [_swing().without("command_torque").replace(name="silent")])
     assert any(n.startswith("no command in silent, unlike in the others") for n in ready.notes)

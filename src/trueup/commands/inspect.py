@@ -29,6 +29,7 @@ from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
 from trueup.rounding import SAME_INSTANT
+from trueup.units import to_si
 
 ABOUT = """\
 Looks at recordings: rate, gaps, jitter, channels and units, encoder grid, noise, what does not move or is cut off.
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print_json(data=plain)
         return 0
     for inspection in found:
-        _show(inspection, console)
+        _show(inspection, console, _shares(written or mapping))
     # The same guess for each file differs in its numbers only; once is enough.
     for guessed in {g.split(" (")[0]: g for inspection in found for g in inspection.guesses}.values():
         tell(console, f"[cyan]guess[/] {escape(guessed)}")
@@ -175,7 +176,13 @@ def _others(recordings: Sequence[Recording], target: Path) -> list[str]:
     ]
 
 
-def _show(inspection: Inspection, console: Console) -> None:
+def _shares(mapping: Path | None) -> Collection[str]:
+    """Channels of which a mapping says that their numbers are shares (%, permille): no unit, and none is missing."""
+    channels = {} if mapping is None else ChannelMap.load(mapping).channels
+    return {name for name, c in channels.items() if any(u and not to_si(u)[0] for u in c.units or (c.unit,))}
+
+
+def _show(inspection: Inspection, console: Console, shares: Collection[str]) -> None:
     first = inspection.channels[0] if inspection.channels else None
     rate = f" at {first.rate:.4g} Hz" if first is not None and math.isfinite(first.rate) else ""
     gaps = sum(len(c.gaps) - c.dropped for c in inspection.channels[:1])
@@ -186,7 +193,7 @@ def _show(inspection: Inspection, console: Console) -> None:
     )
     tell(console, f"[bold]{escape(inspection.name)}[/]   {inspection.duration:.1f} s{rate}{detail}")
     for channel in inspection.channels:
-        tell(console, f"  {escape(channel.name):13} {_line(channel)}")
+        tell(console, f"  {escape(channel.name):13} {_line(channel, shares)}")
     for sentence in inspection.findings():
         tell(console, f"  [yellow]mind[/] {escape(sentence)}")
 
@@ -198,7 +205,7 @@ def _beyond_rounding(jitter: float) -> float:
 _UNITLESS = {"load": "of what it is rated for"}
 
 
-def _line(channel: ChannelInspection) -> str:
+def _line(channel: ChannelInspection, shares: Collection[str]) -> str:
     if channel.name in SETTINGS:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
@@ -208,6 +215,8 @@ def _line(channel: ChannelInspection) -> str:
         _is_share(x) for x, u in zip(channel.labels, units, strict=True) if not u
     ):
         none = "share of the full one"
+    if channel.name in shares:
+        none = "share"
     said = [f"{units.count(u)} x {u or none}" for u in dict.fromkeys(units)]
     parts = [" and ".join(said)]
     same = [u == channel.unit for u in units]  # a step in m says nothing of one in rad

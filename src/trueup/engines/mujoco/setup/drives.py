@@ -26,6 +26,11 @@ from trueup.trial import COMMANDS, ENABLED, command_of, drives_off
 
 _TORQUE = ("N m", "N")
 _POSITION = ("rad", "m")
+_NO_DUTY = "duties and voltages of motors are not simulated."
+_CONTROLS = (
+    'if these drove the motors, they are the model\'s controls (ctrl): [channels.command_torque] with unit = "%" or none'
+    "; the motors' gain is calibrated, and damping holds what their own voltage takes away."
+)
 _SPEED = ("rad/s", "m/s")
 
 
@@ -110,8 +115,8 @@ def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = F
     if len(silent) == len(recordings) and not refused and not all(drives_off(r) for r in silent):
         drives = {a: j for j, a in model.drives().items() if a}
         way = ("command_torque]", "N m") if motors else ("command]", "rad")
-        open_loop = [n for n in ("command_duty", "command_voltage") if any(r.has(n) for r in silent)]
-        not_taken = f"{' and '.join(open_loop)}: duties and voltages of motors are not simulated. " if open_loop else ""
+        open_loop = [n for n in ("duty", "command_duty", "command_voltage") if any(r.has(n) for r in silent)]
+        not_taken = f"{' and '.join(open_loop)}: {_CONTROLS if motors else _NO_DUTY} " if open_loop else ""
         seen = dict.fromkeys(f"{c.name} ({', '.join(c.labels)})" for r in silent for c in r.channels.values())
         raise RecordingError(
             f"no command in {names}: nothing says what the drives of model '{model.path.name}' "
