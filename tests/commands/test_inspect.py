@@ -53,6 +53,21 @@ def test_units_that_the_model_and_gravity_tell_are_in_the_mapping(
     assert not re.search("unit unknown|is suspected|say unit", said)
 
 
+def test_units_are_told_by_ranges_of_joints_that_the_log_calls_otherwise(
+    logged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (logged / "log.csv").read_text()
+    (logged / "log.csv").write_text(
+        text.replace("axis.", "a1_x.").replace("arm.", "a2_lift.").replace("wrist.", "a3_hand.")
+    )
+    assert main(["inspect", "log.csv", "--model", "gantry.xml"]) == 0
+    guess = ChannelMap.load(logged / "mapping.toml")
+    assert guess.joints == {"a1_x": "axis", "a2_lift": "arm", "a3_hand": "wrist"}
+    assert guess.channels["position"].units == ("mm", "deg", "deg")
+    assert guess.channels["position"].labels == ("a1_x", "a2_lift", "a3_hand"), "labels stay those of the file"
+    assert "unit unknown" not in capsys.readouterr().out
+
+
 def test_a_mapping_with_the_models_labels_and_no_units_is_read(logged: Path) -> None:
     assert main(["inspect", "log.csv", "--model", "gantry.xml", "--json"]) == 0
     text = re.sub(r'unit = "(rad/s|m/s\^2)"', 'unit = ""', (logged / "mapping.toml").read_text())

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from rich.markup import escape
 from trueup.articulated.pose import is_quaternion
 from trueup.commands.console import notes, tell
 from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, recordings_in
-from trueup.commands.suited_mapping import drives_of, labelled, suited_to
+from trueup.commands.suited_mapping import drives_of, labelled, renamed, suited_to
 from trueup.errors import ClockError, MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
@@ -63,13 +63,16 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None, joints=joints)
     said += other
     of_joints = args.model if joints is not None else None  # a vehicle has none to be named
+    guess = None
+    if mapping is None and any("reader" in r.provenance for r in recordings):
+        guess, more = _guessed(paths, joints, args.rate, recordings, of_joints)
+        recordings, said = [_as_named(r, guess.joints) for r in recordings], said + more
     shown, doubts = _seen_by(args.model, recordings, mapping is None) if args.model is not None else (recordings, ())
     said += _unknown(shown, of_joints) if of_joints is not None and mapping is not None else []
     said += [*doubts, *on_other_clocks(shown)]
     found = [inspect(r) for r in shown]
     written = None
-    if mapping is None and any("reader" in r.provenance for r in recordings):
-        guess = _with_rate(guess_mapping(paths, joints), args.rate)
+    if guess is not None:
         if of_joints is not None:
             guess, more, told_units = suited_to(of_joints, guess, recordings, shown)
             found = [_without_guesses(inspection, told_units) for inspection in found]
@@ -81,6 +84,13 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         plain = {"recordings": [_plain(f) for f in found], "notes": said, "mapping": str(written or mapping or "")}
         console.print_json(data=plain)
         return 0
+    _tell_all(console, found, said, written, mapping)
+    return 0
+
+
+def _tell_all(
+    console: Console, found: Sequence[Inspection], said: Sequence[str], written: Path | None, mapping: Path | None
+) -> None:
     for inspection in found:
         _show(inspection, console, _shares(written or mapping))
     # The same guess for each file differs in its numbers only; once is enough.
@@ -93,7 +103,6 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print(
             f"{escape(str(mapping))} is kept as it is; --force guesses anew and overwrites it", soft_wrap=True
         )
-    return 0
 
 
 def _read(
@@ -126,6 +135,24 @@ def _read(
                 f"{error}. Give --rate HZ; or fill in rate in {target}, which was written with what could be guessed"
             ) from None
         raise
+
+
+def _guessed(
+    paths: Sequence[Path],
+    joints: Sequence[str] | None,
+    rate: float | None,
+    recordings: Sequence[Recording],
+    model: str | None,
+) -> tuple[ChannelMap, list[str]]:
+    """How the columns become channels, with a model's names for its joints: without these it tells no units; and notes."""
+    guess = _with_rate(guess_mapping(paths, joints), rate)
+    return (guess, []) if model is None else renamed(guess, recordings, *drives_of(model))
+
+
+def _as_named(recording: Recording, joints: Mapping[str, str]) -> Recording:
+    """With a model's names for the joints that a recording has: others may have more."""
+    known = {label for c in recording.channels.values() for label in c.labels}
+    return recording.rename({old: new for old, new in joints.items() if old in known})
 
 
 def _with_rate(guess: ChannelMap, rate: float | None) -> ChannelMap:

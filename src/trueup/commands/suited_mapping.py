@@ -28,10 +28,9 @@ def suited_to(
     model: str, guess: ChannelMap, recordings: Sequence[Recording], shown: Sequence[Recording]
 ) -> tuple[ChannelMap, list[str], list[str]]:
     """The guess for `recordings`, which are `shown` as the model takes them; notes; channels of which it now has the unit."""
-    guess, renamed = _renamed(guess, recordings, *drives_of(model))
     guess, sensors = _with_sensors(guess, recordings, model)
     guess, units = _with_units_seen(guess, recordings[0], shown[0], Path(model).name)
-    return guess, [*renamed, *sensors, *units.values()], list(units)
+    return guess, [*sensors, *units.values()], list(units)
 
 
 def _with_units_seen(
@@ -80,7 +79,7 @@ def _that_make(numbers: Array, values: Array, unit: str) -> list[str]:
     return [u for u in choices if np.allclose(numbers * size_of(u), values, ROUNDED, 0.0, equal_nan=True)]
 
 
-def _renamed(
+def renamed(
     guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str], others: Collection[str]
 ) -> tuple[ChannelMap, list[str]]:
     """The guess with names of the model's joints, apart for what was measured (gripper_width) and told (gripper); notes."""
