@@ -272,3 +272,13 @@ def test_efforts_that_are_whole_numbers_are_not_taken_for_newton_metres(tmp_path
         table = np.column_stack([t, np.sin(t), effort])
         np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,hip_position,hip_effort", comments="")
         assert formats.guess_mapping(tmp_path / "log.csv").channels["torque"].unit == unit
+
+
+@pytest.mark.parametrize("name", ["idx", "n", "frame", "Row", "seq"])
+def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path: Path, name: str) -> None:
+    rows = np.arange(200.0)
+    for counted, channels in ((rows, {"position"}), (rows // 2, {"position", name.lower()})):
+        table = np.column_stack([counted, 0.01 * rows, np.sin(0.01 * rows)])
+        np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=f"{name},t,q1", comments="")
+        found = {key.lower() for key in formats.guess_mapping(tmp_path / "log.csv").channels}
+        assert found == channels - {"seq"}, "seq is a counter by its name"

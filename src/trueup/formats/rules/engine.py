@@ -28,7 +28,7 @@ from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.inertial import sensor_labels
 from trueup.formats.rules.lists import in_parts, without_other_lists
-from trueup.formats.rules.names import axes, stem, taken_apart, words
+from trueup.formats.rules.names import axes, listed, stem, taken_apart, words
 from trueup.formats.rules.proposal import Proposal, own, own_words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
@@ -38,6 +38,10 @@ from trueup.units import are_pulses
 
 _COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
 """Words of a column that counts messages."""
+_OF_ROWS = listed(
+    "idx index i k n nr no number row line sample samples count counter frame packet step iteration iter id"
+)
+"""Words of a column that may number the rows: whether it does its numbers say."""
 _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
 """Kinds that a vehicle's log has under its own names: what is left of them there is no joint's."""
 
@@ -94,8 +98,9 @@ def _columns(tables: Sequence[Table], clocks: Clocks, known: Sequence[str]) -> l
 
 
 def _counts_rows(name: str, values: Array) -> bool:
-    """Whether a column without a name only numbers the rows, as pandas writes it."""
-    if not name.startswith("column_") or values.ndim != 1 or len(values) < 2 or values[0] not in (0.0, 1.0):
+    """Whether a column that is called so, or has no name, only numbers the rows, as pandas writes it."""
+    unnamed = name.startswith("column_") or set(words(name)) <= _OF_ROWS
+    if not unnamed or values.ndim != 1 or len(values) < 2 or values[0] not in (0.0, 1.0):
         return False
     return bool(np.all(np.diff(values) == 1.0))
 
