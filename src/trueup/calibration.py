@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -149,6 +150,11 @@ class Lacked:
     intervals: Mapping[str, tuple[float, float, float]]
     """Value, low and high of each parameter that was fitted with it, those of the structure last."""
     shown: Evidence
+
+    @staticmethod
+    def beside(parameters: Path) -> Path:
+        """The file with these beside the `parameters` file of what was found without."""
+        return parameters.with_name(f"{parameters.stem}_lacking{parameters.suffix}")
 
 
 @dataclass(frozen=True, eq=False)

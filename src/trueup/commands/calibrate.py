@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, Lacked
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.between import (
     INTERPOLATED,
@@ -244,6 +244,5 @@ def _write(
         write_aside(replay_picture(shown[0]), pictures[0])
     output.finish(calibration)
     driven = output.model_file.with_name(f"{output.model_file.stem}_driven{output.model_file.suffix}")
-    lacking = parameters.with_name("parameters_lacking.toml")
-    written = [f for f in (output.model_file, driven, parameters, lacking) if f.is_file()]
+    written = [f for f in (output.model_file, driven, parameters, Lacked.beside(parameters)) if f.is_file()]
     return [*written, report, *pictures, output.outcome_file], notes

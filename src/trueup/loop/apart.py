@@ -40,10 +40,10 @@ def apart(
     """(n_free,) the best that least squares come to from any of `starts` (n_free,), signal by signal; parameters that several
     signals share as in the first of them. A search ends with steps that lower its loss by less than the share `tolerance`.
     """
-    return valleys(problem, space, starts, robust, 1, tolerance)[0]
+    return lowest_places(problem, space, starts, robust, 1, tolerance)[0]
 
 
-def valleys(
+def lowest_places(
     problem: Problem, space: ParameterSpace, starts: Sequence[Array], robust: float, count: int, tolerance: float = 1e-3
 ) -> list[Array]:
     """The `count` lowest places that least squares come to, each (n_free,): of every signal the lowest in the first of them,

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.loop.apart import apart, confirmed, valleys
+from trueup.loop.apart import apart, confirmed, lowest_places
 from trueup.loop.stages import Run
 
 _DRAWS = 6  # places in the box from which each joint is searched, beside where the search begins and the middle
-_VALLEYS = 3  # places, of those that the first seconds lead to, from which all seconds are searched
+_KEPT = 3  # places, of those that the first seconds lead to, from which all seconds are searched
 
 
 def each_apart(run: Run) -> None:
@@ -23,7 +23,7 @@ def each_apart(run: Run) -> None:
     descent, longest = run.descent, max(t.duration for t in run.first.trials)
     drawn = np.random.default_rng(run.seed).uniform(size=(_DRAWS, len(run.start)))
     starts = [run.start, np.full(len(run.start), 0.5), *drawn]
-    best = valleys(part.shortened(longest), descent.space, starts, descent.robust, _VALLEYS)
+    best = lowest_places(part.shortened(longest), descent.space, starts, descent.robust, _KEPT)
     run.early = descent.space.from_unit(best[0])
     point = apart(part, descent.space, best, descent.robust)
     residual = part.residuals(descent.space.from_unit(point[None]))[0]

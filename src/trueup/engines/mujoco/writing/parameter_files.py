@@ -20,7 +20,7 @@ def write_parameter_files(simulator: MujocoSimulator, calibration: Calibration, 
     fitted with it, ready to be given back. Notes on the second one. Raises OutputError.
     """
     write_parameters(calibration, simulator.parameters, simulator.quantities, path, simulator.gains.given_for)
-    beside = path.with_name(f"{path.stem}_lacking{path.suffix}")
+    beside = Lacked.beside(path)
     beside.unlink(missing_ok=True)  # of an earlier calibration in the same folder
     lacked = calibration.lacked
     more = () if lacked is None or not lacked.shown.holds else _lacking(simulator, lacked)
