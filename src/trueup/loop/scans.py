@@ -122,6 +122,8 @@ class Scan:
         sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v != p.nominal}
         # A second joint within a gear replays worse where feet touch, though nothing twists: to make up for that is no gain.
         before = min(before, self._before)
+        if not np.isfinite(lowest):  # nothing of it can be simulated
+            return Look(name, sizes, -np.inf, -np.inf, self.found.values)
         lower = 0.5 * float(np.log(max(before, TINY) / max(lowest, TINY)))
         return Look(name, sizes, before - lowest, lower, self.found.values)
 
