@@ -17,9 +17,9 @@ from trueup.errors import ModelError
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 """What a leg's joints do, in the order in which its angles are kept; the first may turn about any axis that is not level (a
 NAO's turns about yaw and pitch at once)."""
-AXES = np.eye(3)[[2, 0, 1, 1, 1, 0]]
+AXES = np.array([[axis == about for axis in "xyz"] for about in "zxyyyx"], dtype=np.float64)
 """(6, 3) what they turn about: z for the yaw, x for rolls, y for pitches."""
-SPARED = {0: 2, 5: 1}
+SPARED = {"hip yaw": "hip pitch", "ankle roll": "hip roll"}
 """Those that a leg may lack (then it cannot turn, or its sole cannot roll), to the joint beside which they would be."""
 _ALONG, _UPRIGHT = 0.9, 0.5  # cosines: what an axis is for, where it is not quite its own direction
 _BENT = 0.5  # rad that a knee must be able to bend
@@ -162,7 +162,7 @@ def roles(model: str, names: Sequence[str], axes: Array) -> tuple[int, ...]:
         above, below = k < pitches[1], k > pitches[1]
         places = {"pitch": 2 + pitches.index(k) if k in pitches else -1, "roll": 1 if above else 5 if below else -1}
         out.append(places.get(kind, 0 if kind == "yaw" and above else -1))
-    lacking = [JOINTS[j] for j in range(len(JOINTS)) if j not in out and j not in SPARED]
+    lacking = [name for j, name in enumerate(JOINTS) if j not in out and name not in SPARED]
     if lacking or -1 in out or len(set(out)) < len(out):
         why = f"lacks a {lacking[0]}" if lacking else "has other joints than a walk knows"
         raise ModelError(

@@ -35,7 +35,7 @@ def biped_of(model: Model, left: Sequence[str], right: Sequence[str]) -> Biped:
     own = list(found[0])
     whole_axes, whole_anchors = np.tile(AXES, (2, 1, 1)), np.zeros((2, len(JOINTS), 3))
     whole_axes[:, own], whole_anchors[:, own] = axes.reshape(2, -1, 3), anchors.reshape(2, -1, 3)
-    for lacked, at in SPARED.items():
+    for lacked, at in ((JOINTS.index(lacked), JOINTS.index(at)) for lacked, at in SPARED.items()):
         if lacked not in own:
             whole_anchors[:, lacked] = whole_anchors[:, at]
     named = [[side[own.index(j)] if j in own else "" for j in range(len(JOINTS))] for side in sides]
