@@ -111,7 +111,7 @@ def python_text(actuator: Actuator) -> str:
         f"{n}={_number(v)}" for n, v in actuator.law._asdict().items() if v != Law._field_defaults.get(n)
     )
     body = body.replace("def __init__(self, law: Law, gain", "def __init__(self, law: Law = LAW, gain")
-    body = body.replace("\n\nSTATES = ", f"\n\nLAW = Law({numbers})\n\nSTATES = ", 1)
+    body = body.replace("\n\nREMEMBERED = ", f"\n\nLAW = Law({numbers})\n\nREMEMBERED = ", 1)
     head = _HEAD.format(
         hard=HARD, armature=actuator.law.armature,
         error=held if math.isfinite(held) else actuator.error(held_out=False),

@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.actuators import servo
 from trueup.actuators.bench import Run
-from trueup.actuators.servo import STATES, Law
+from trueup.actuators.servo import REMEMBERED, Law
 from trueup.arrays import Array, Mask
 from trueup.articulated.lone_joint import friction_force
 from trueup.compiled import njit
@@ -44,7 +44,7 @@ def _replay(
     """
     n = len(time)
     q, v = starts[0]
-    state = np.zeros(STATES)
+    state = np.zeros(len(REMEMBERED))
     external = -moment * np.sin(q - hangs)
     mass, at, now = inertia + law.armature, 0, 0
     late = law.delay if file else law.delay + 0.5 * step

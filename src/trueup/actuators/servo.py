@@ -67,9 +67,9 @@ class Law(NamedTuple):
     """rad/s2 (profile acceleration)."""
 
 
-STATES = 7
-"""Numbers that a servo remembers: place and pace of its set point, sum of errors, last error, whether it has begun; the
-load's torque that it was told last, and whether it was told one."""
+REMEMBERED = ("place", "pace", "sum of errors", "last error", "begun", "load", "load told")
+"""The numbers that a servo remembers, in the order of its state: place and pace of its set point, sum of errors, last error,
+whether it has begun; the load's torque that it was told last, and whether it was told one."""
 
 
 def set_point(command: float, place: float, pace: float, top: float, most: float, step: float) -> tuple[float, float]:
@@ -161,7 +161,7 @@ class Servo:
 
     def reset(self, position: float) -> None:
         """Begins anew, at rest with `position` (rad) as command."""
-        self._state = [0.0] * STATES
+        self._state = [0.0] * len(REMEMBERED)
         self._told = deque([(-math.inf, position)])
         self._time = 0.0
         self.torque = self.damping = self.friction = 0.0

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.actuators.replay import compiled_drive
-from trueup.actuators.servo import STATES, Law
+from trueup.actuators.servo import REMEMBERED, Law
 from trueup.arrays import Array
 from trueup.articulated.laws import Term
 from trueup.articulated.model import Copies, Model
@@ -46,7 +46,7 @@ class ActingServos:
         joints = [joint_of[t.target] for t in terms]
         self._law, self._columns = law, np.array([model.columns()[t.target] for t in terms], dtype=np.int64)
         self._gain = np.ascontiguousarray(np.stack([t.value for t in terms], axis=1))
-        self._state = np.zeros((*self._gain.shape, STATES))
+        self._state = np.zeros((*self._gain.shape, len(REMEMBERED)))
         self._step = float(copies.get("world.step", "world")[0])
         self._read = [copies.reader(state, joints) for state in ("position", "velocity", "bias")]
         self._write = copies.writer("joint.damping", joints), copies.writer("joint.friction", joints)
