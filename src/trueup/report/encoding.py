@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.report.drawing import SAMPLES
 
 MISSING = int(np.iinfo(np.int16).min)
 """The 16-bit code of a missing sample."""
-
-
-FINE = 1e-3
-"""16 bits are used only where a step is below this part of the range that nine tenths of the samples span."""
 
 
 def kept_samples(lines: Sequence[Array], most: int) -> np.ndarray:
@@ -46,8 +43,8 @@ def kept_samples(lines: Sequence[Array], most: int) -> np.ndarray:
 def packed(values: Array) -> dict[str, Any]:
     """`values` (T,) for JSON: {"k": "i2", "o": offset, "s": step, "d": base64} or {"k": "f4", "d": base64}.
 
-    16-bit steps where they are far finer than the signal, 32-bit floats where an outlier would make them coarse;
-    little endian. Infinite values become missing ones.
+    16-bit steps where nine tenths of the samples span as many as a line has samples, 32-bit floats where an
+    outlier would make them coarser than that; little endian. Infinite values become missing ones.
     """
     values = np.where(np.isfinite(values), values, np.nan)
     finite = values[np.isfinite(values)]
@@ -56,7 +53,7 @@ def packed(values: Array) -> dict[str, Any]:
         # Codes go to both sides of the middle; the one below them all is of what is missing.
         step = (high - low) / 2 / np.iinfo(np.int16).max
         lower, upper = np.percentile(finite, [5, 95])
-        if math.isfinite(step) and step <= FINE * (upper - lower):
+        if math.isfinite(step) and SAMPLES * step <= upper - lower:
             return _sixteen_bits(values, (low + high) / 2, step)
     with np.errstate(over="ignore"):
         single = values.astype("<f4")
