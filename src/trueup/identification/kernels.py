@@ -3,7 +3,7 @@
 
 Samples are worked on in blocks of `W`, each quantity a row of W numbers, so that every loop runs over samples at
 constant distances in memory: the compiler turns it into vector instructions. Rows of a link are its angular velocity
-(3), angular acceleration (3) and acceleration (3) in its own axes, then for each joint 6: the angular velocity u and
+(3), angular acceleration (3) and acceleration (3) in its own axes (`ROWS`), then for each joint 6: the angular velocity u and
 the velocity w of the link's origin for a unit speed of that joint.
 """
 
@@ -17,7 +17,8 @@ from trueup.arrays import Array
 from trueup.compiled import njit
 
 W = 32
-ROWS = 9
+_OF_LINK = ("angular velocity", "angular acceleration", "acceleration")
+ROWS = len(_OF_LINK) * len("xyz")
 TILE = 4
 
 # pi/2 in three parts, of which the first two have trailing zeros: k times them is exact for |k| < 2^20.
