@@ -81,8 +81,8 @@ def test_a_prefix_that_nobody_declared_does_not_matter(tmp_path: Path) -> None:
     [
         ('<inertia ixx="-1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>', "no body can have"),
         ('<inertia ixx="1e-3" iyy="1e-3" izz="9e-3" ixy="0" ixz="0" iyz="0"/>', "no body can have"),
-        ('<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>', "balls of water"),
-        ("", "balls of water"),
+        ('<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>', "balls as dense as links are"),
+        ("", "balls as dense as links are"),
     ],
 )
 def test_inertias_that_cannot_be_are_mended_and_said(tmp_path: Path, inertia: str, said: str) -> None:

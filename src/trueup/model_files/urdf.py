@@ -20,7 +20,8 @@ Element = ElementTree.Element
 
 _PREFIX = re.compile(rb"<([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")
 _BROKEN = (ElementTree.ParseError, UnicodeDecodeError, ValueError, LookupError)
-_WATER = 1000.0  # kg/m3: a body of which only the mass is known is taken for a ball of this density
+DENSITY = 2000.0
+"""kg/m^3 of a link as a whole: aluminium castings with motors in them."""
 _THIN = 1e-3  # least principal moment of inertia, as a share of the largest: a needle
 
 
@@ -89,7 +90,7 @@ def root_tag(path: str | Path) -> str:
 def mend_inertias(root: Element) -> list[str]:
     """Makes every <inertial> one that a body can have, and says which were not.
 
-    No <inertia>: a ball of water. Moments below zero, or one larger than the other two together: the nearest that are
+    No <inertia>: a ball of `DENSITY`. Moments below zero, or one larger than the other two together: the nearest that are
     possible. Masses stay as they are.
     """
     without, impossible = [], []
@@ -102,7 +103,7 @@ def mend_inertias(root: Element) -> list[str]:
         tensor = _tensor(written) if written is not None else np.zeros((3, 3))
         if written is None or np.abs(tensor).max() < NEGLIGIBLE:
             written = ElementTree.SubElement(inertial, "inertia") if written is None else written
-            radius = (3.0 * mass / (4.0 * math.pi * _WATER)) ** (1.0 / 3.0)
+            radius = (3.0 * mass / (4.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
             # A frame that somebody gave a mass of a microgram still turns.
             _write(written, max(0.4 * mass * radius**2, ROUNDED) * np.eye(3))
             without.append(link.get("name", "?"))
@@ -113,7 +114,9 @@ def mend_inertias(root: Element) -> list[str]:
             impossible.append(link.get("name", "?"))
     notes = []
     if without:
-        notes.append(f"links with a mass but no <inertia> were taken for balls of water: {listed(without)}")
+        notes.append(
+            f"links with a mass but no <inertia> were taken for balls as dense as links are: {listed(without)}"
+        )
     if impossible:
         notes.append(f"no body can have the inertia of {listed(impossible)}: the nearest that can be is simulated")
     return notes

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
+from trueup.model_files.urdf import DENSITY
 from trueup.rounding import ROUNDED
 
-_DENSITY = 2000.0
-"""kg/m^3 of a link as a whole: aluminium castings with motors in them."""
 _THIN, _THICK = 0.025, 0.15
 PLATE = (20.0, 20.0, 1.0)
 """m: half sides of the plate that stands for a plane."""
@@ -74,7 +73,7 @@ def _ends(
 def _add_capsule(spec: mujoco.MjSpec, body: str, end: Array, mass: float) -> None:
     """A capsule from the body's origin to `end` (a sphere where that is no way), as thick as its mass makes it."""
     length, geom = float(np.linalg.norm(end)), spec.body(body).add_geom()
-    volume = mass / _DENSITY
+    volume = mass / DENSITY
     geom.mass = 0.0
     if length < 0.02:
         radius = (0.75 * volume / np.pi) ** (1.0 / 3.0) if volume else 0.04
