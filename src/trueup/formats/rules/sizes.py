@@ -28,8 +28,6 @@ COUNTS_NOTE = (
     "taken as counts of servos, 4096 a turn and 2048 at zero; say so for joints that are zero elsewhere (offset) or turn "
     "the other way (sign)"
 )
-_FEWER = 1023
-"""Counts up to which servos of 10 bits go: of a turn of 4096 that is a quarter beside its zero."""
 _FEWER_NOTE = (
     'unit unknown; whole numbers up to {largest:.4g} are counts of servos: give unit = "deg", and scale = 0.29326, '
     "offset = -150.15 for 1023 in 300 degrees around 512 (Dynamixel AX and XL-320), scale = 0.24, offset = -120 for 1000 in "
@@ -78,7 +76,9 @@ class Sizes:
         related = self._beside_speed(name) or self._beside_positions(name) or self._with_speed(name, largest)
         if related:
             self._take(name, *related)
-        elif counts and max(map(self._largest, {"position", name})) <= _FEWER:
+        elif (
+            counts and max(map(self._largest, {"position", name})) < _TURN // 4
+        ):  # 10 bits, or a quarter beside its zero
             self.notes.append(f"{name}: {_FEWER_NOTE.format(largest=largest)}")
         elif counts:
             scale, offset = (2.0 * math.pi / _TURN,), (-math.pi,)
