@@ -18,13 +18,12 @@ from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError
 from trueup.evidence import FEWEST_PARTS, half_interval, jackknife, without_each
 from trueup.loop.replay import replays
+from trueup.noise import UNUSUAL
 from trueup.proportion import either, weighed
 from trueup.recording import Recording
 from trueup.rounding import TINY
 
 _TORQUE = "torque"
-_MOST = 4.0
-"""Times by which masses of a file are off at most, but for what a robot carries: torques further off are in another unit."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def with_logged(
     of = {} if own is None else own.grown(simulator.parameters)
     clear = {
         label: r for label, r in ratios(simulator, values, recordings).items()
-        if r.times > 0.0 and r.half < abs(np.log(r.times)) < np.log(_MOST)
+        if r.times > 0.0 and r.half < abs(np.log(r.times)) < np.log(UNUSUAL)  # further off they are in another unit
     } if of else {}  # fmt: skip
     if not clear:
         return tuple(estimates)
