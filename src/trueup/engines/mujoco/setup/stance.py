@@ -17,9 +17,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.evidence import HALVED
 from trueup.instant import STILL
 from trueup.recording import Recording
-from trueup.trial import command_of
-
-_SETTLED = 2.0  # s in which servos come to rest under their load
+from trueup.trial import SETTLE, command_of
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,7 @@ def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
     mujoco.mj_forward(compiled, data)
     root = compiled.jnt_bodyid[0]
     upright = data.xmat[root].copy()
-    mujoco.mj_step(compiled, data, int(np.ceil(_SETTLED / compiled.opt.timestep)))
+    mujoco.mj_step(compiled, data, int(np.ceil(SETTLE / compiled.opt.timestep)))
     leans = float(np.arccos(np.clip(data.xmat[root][6:] @ upright[6:], -1.0, 1.0)))
     fell = compiled.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE and leans > TILT
     return None if fell or not np.isfinite(data.qpos).all() else data.qpos[places] - rest.told
