@@ -10,6 +10,7 @@ quantity, too: it is what the model says, and none in the robot.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,12 +26,14 @@ from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import FORETOLD
 from trueup.parameters import Parameter
-from trueup.rounding import TINY
+from trueup.rounding import ROUNDED, TINY
 from trueup.search.bounded_step import gain
 from trueup.search.robust import robust_weights
 from trueup.verdicts import PRIOR, vague
 
-_STEP = 1e-3  # share of its value or range by which a quantity is moved
+_APART = math.cbrt(ROUNDED)
+"""Share of its value or range by which a quantity is moved to both sides: where what rounding leaves of the difference, and
+what it bends, are as small together as can be (W. Press et al., Numerical Recipes, 2007, 5.7)."""
 STEP = "step of the simulation"
 
 
@@ -275,9 +278,8 @@ def _slopes(problem: Problem, fit: Fit, beside: Sequence[int], more: Sequence[Pa
     moved += [(first + i, p) for i, p in enumerate(more)]
     base = np.concatenate([fit.values, [p.nominal for p in more]])
     places = [i for i, _ in moved]
-    steps = np.array(
-        [_STEP * (max(base[i], _STEP * p.upper) if p.scale == "log" else p.upper - p.lower) for i, p in moved]
-    )
+    sizes = [max(base[i], _APART * p.upper) if p.scale == "log" else p.upper - p.lower for i, p in moved]
+    steps = _APART * np.array(sizes)
     # Beyond a bound a simulation may fail: what has no room for a step is moved to the other side alone.
     room = np.array([[p.upper - base[i], base[i] - p.lower] for i, p in moved]).T
     up, down = np.where(room >= steps, steps, 0.0)
