@@ -32,9 +32,6 @@ EARNING_NOTHING = ("profiles",)
 """Stages of the search (`loop.fit`): on seven robots of `benchmarks/template.py` half of the CPU, for no better gains."""
 _DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
 _NOTE = "intervals hold more doubt than the residuals show: the vehicle is no bicycle, and tuning reckons with that"
-_TRADED = 0.06
-"""Standard deviation in s by which a delay may be a lag instead, their sum the same: smooth driving hardly tells them
-apart, but a controller that is pushed to its limit becomes unstable with the one sooner than with the other."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,11 @@ def in_words(calibration: Calibration) -> Calibration:
 
 
 def doubted(calibration: Calibration) -> Calibration:
-    """The same values with a wider covariance, because the structure is surely wrong somewhere (`DOUBT`, delay or lag)."""
+    """The same values with a wider covariance, because the structure is surely wrong somewhere (`DOUBT`).
+
+    A delay may also be a lag instead, their sum the same, as far as both are in doubt: smooth driving hardly tells them
+    apart, but a controller that is pushed to its limit becomes unstable with the one sooner than with the other.
+    """
     fitted = [e for e in calibration.estimates if e.fitted]
     place = {e.name: row for row, e in enumerate(fitted)}
     known = np.diag(calibration.covariance)
@@ -92,7 +93,8 @@ def doubted(calibration: Calibration) -> Calibration:
     for kind in ("speed", "steering"):
         if f"{kind}_delay" in place and f"{kind}_lag" in place:
             pair = [place[f"{kind}_delay"], place[f"{kind}_lag"]]
-            covariance[np.ix_(pair, pair)] += _TRADED**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+            traded = DOUBT[f"{kind}_delay"] + DOUBT[f"{kind}_lag"]
+            covariance[np.ix_(pair, pair)] += traded**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     widened = dict(zip(place, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     return dataclasses.replace(
         calibration, covariance=covariance, notes=(*calibration.notes, _NOTE),
