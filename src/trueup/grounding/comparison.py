@@ -15,10 +15,9 @@ from trueup.grounding.learners import Learner
 from trueup.grounding.rows import Rows
 from trueup.grounding.views import Model, fitted
 from trueup.rounding import NEGLIGIBLE, TINY
+from trueup.trial import SETTLE
 
 FOLDS = 10
-AHEAD = 1.0
-"""s for which predictions are chained: within about that time what a joint does is forgotten, or a robot has fallen."""
 MOST = 12_000
 """Rows that are learned from: as many as the paper's; more are thinned evenly."""
 Progress = Callable[[str, float], None]
@@ -116,12 +115,13 @@ def error_ahead(model: Model | None, rows: Rows) -> float:
 
 
 def chained(model: Model | None, rows: Rows) -> Array:
-    """(N, k) what is foretold in chains of a second that begin at measured frames, each going on from what it foretold.
+    """(N, k) what is foretold in chains of a second that begin at measured frames, each going on from what it foretold:
+    in that time (`SETTLE`) a joint forgets what was, or a robot has fallen.
 
     Commands and other channels are as recorded. None holds the first value.
     """
     inputs, N = rows.inputs, len(rows.X)
-    length = max(round(AHEAD / inputs.period), 1)
+    length = max(round(SETTLE / inputs.period), 1)
     first = np.concatenate([[True], (np.diff(rows.run) != 0) | (np.diff(rows.frame) != 1)])
     since = np.arange(N) - np.maximum.accumulate(np.where(first, np.arange(N), 0))
     starts = np.flatnonzero(since % length == 0)

@@ -9,10 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.grounding.comparison import AHEAD, MOST, Score, chained, folds_by_run
+from trueup.grounding.comparison import MOST, Score, chained, folds_by_run
 from trueup.grounding.learners import Learner
 from trueup.grounding.rows import Rows
 from trueup.grounding.views import fitted
+from trueup.trial import SETTLE
 
 _SHOWN = 4
 """Chains of a second that are shown."""
@@ -24,7 +25,7 @@ class Foretold:
 
     run: str
     time: Array
-    """(n,) s from the first frame shown; what is foretold begins anew at the measured value every `AHEAD` s."""
+    """(n,) s from the first frame shown; what is foretold begins anew at the measured value every `SETTLE` s."""
     command: Array
     """(n, k) commands, one frame before."""
     measured: Array
@@ -34,7 +35,7 @@ class Foretold:
     def plain(self) -> dict[str, object]:
         """As lists, with the seconds after which it begins anew."""
         arrays = {name: getattr(self, name).tolist() for name in ("time", "command", "measured", "foretold")}
-        return {"run": self.run, "ahead": AHEAD, **arrays}
+        return {"run": self.run, "ahead": SETTLE, **arrays}
 
 
 def foretold(learner: Learner, rows: Rows, view: str, taken: Score, seed: int) -> Foretold:
@@ -47,7 +48,7 @@ def foretold(learner: Learner, rows: Rows, view: str, taken: Score, seed: int) -
     kept = np.setdiff1d(np.arange(len(rows.X)), folds[k])
     model = fitted(learner, rows.where(kept).thinned(MOST), np.random.default_rng([seed, k]), view)
     part = rows.where(folds[k])
-    said, each = chained(model, part), max(round(AHEAD / rows.inputs.period), 1)
+    said, each = chained(model, part), max(round(SETTLE / rows.inputs.period), 1)
     first, last = _liveliest(part, _SHOWN * each, each)
     shown = slice(first, last)
     asked = part.X[shown, rows.inputs.asked]
