@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Replay
-from trueup.report.drawing import EDGE, FOOT, LINE, MARGIN, SAMPLES, WIDTH, Box, words
+from trueup.report.drawing import EDGE, FOOT, MARGIN, SAMPLES, WIDTH, Box, words
 from trueup.report.encoding import kept_samples
 from trueup.report.marks import nice_marks
 from trueup.report.markup import Markup, tag
@@ -33,8 +33,8 @@ class Panel:
 
 _MOTION, _GAP, _NUMBERS = 126, 14, 64
 """Pixels: from the panel's top to the end of the motion, between it and the error, and left of both for numbers."""
-_LOOKS = {"command": (1.0, "4 3"), "measured": (1.25 * LINE, None)}
-"""Width and dashes of lines that are not drawn as the others."""
+_DASHES = {"command": "4 3"}
+"""Of lines that are not drawn through."""
 
 
 def replay_panel(
@@ -116,5 +116,4 @@ def _beside(box: Box, title: str) -> Markup:
 
 
 def _curve(time: Array, values: Array, box: Box, name: str) -> Markup:
-    width, dash = _LOOKS.get(name, (LINE, None))
-    return box.curve(time, values, name, width=width, dash=dash)
+    return box.curve(time, values, name, dash=_DASHES.get(name))
