@@ -26,10 +26,10 @@ from trueup.engines.mujoco.setup.contacts import without_contacts
 from trueup.engines.mujoco.setup.stance import stood
 from trueup.errors import ModelError
 from trueup.inspection.sensors import turned
+from trueup.instant import STILL
 from trueup.recording import Recording
 
 _TURNS = 0.05  # rad within a second: a stand gives less
-_MOVES = 0.01  # m: a base that moves further does not stand fixed
 
 
 def free_joint(compiled: mujoco.MjModel) -> int:
@@ -64,7 +64,7 @@ def _carried(model: Model, recordings: Sequence[Recording]) -> list[str]:
     """A note where a base that stands fixed in the model was moved."""
     ways = {r.name: float(np.nanmax(np.ptp(r.channel(POSITION).values, axis=0))) for r in recordings if r.has(POSITION)}
     furthest = max(ways, key=lambda name: ways[name], default="")
-    if not furthest or not ways[furthest] > _MOVES:
+    if not furthest or not ways[furthest] > STILL:
         return []
     return [
         f"'{POSITION}' moves by {ways[furthest]:.3g} m in '{furthest}', but model '{model.path.name}' stands fixed: if its "
@@ -165,9 +165,7 @@ def _untouched(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
 
 def floating(model: Model, recordings: Sequence[Recording]) -> Model:
     """A model that stands fixed, set free and put on a floor where recordings show that its base moves (a URDF)."""
-    moved = [
-        r for r in recordings if r.has(POSITION) and np.nanmax(np.ptp(r.channel(POSITION).values, axis=0)) > _MOVES
-    ]
+    moved = [r for r in recordings if r.has(POSITION) and np.nanmax(np.ptp(r.channel(POSITION).values, axis=0)) > STILL]
     bodies = model.spec.worldbody.bodies
     if not moved or model.is_mjcf or free_joint(model.compiled) >= 0 or len(bodies) != 1 or bodies[0].joints:
         return model
