@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.inspection import STUCK_SECONDS
-from trueup.noise import estimate_noise
+from trueup.noise import UNUSUAL, estimate_noise
 from trueup.recording import Recording
 from trueup.samples import stretches_of
 from trueup.trial import command_of
@@ -19,7 +19,6 @@ _NOISES, _SHARE = (
     6.0,
     0.01,
 )  # of the noise's deviation, of the joint's way: positions as near as that are the same place
-_MOVES = 5.0  # times as much the command goes on meanwhile: friction holds against little
 
 
 def stopped_at(recordings: Sequence[Recording], ranges: Mapping[str, tuple[float, float]]) -> Diagnosis | None:
@@ -57,7 +56,7 @@ def _stop(recordings: Sequence[Recording], joint: str, sign: float) -> tuple[flo
     for time, position, command, _ in parts:
         pressed = (sign * position > most - near) & (sign * command > most + near)
         for first, last in stretches_of(pressed):
-            if time[last - 1] - time[first] >= STUCK_SECONDS and float(np.ptp(command[first:last])) > _MOVES * near:
+            if time[last - 1] - time[first] >= STUCK_SECONDS and float(np.ptp(command[first:last])) > UNUSUAL * near:
                 rests.append(position[first:last])
     return (float(np.median(np.concatenate(rests))), near) if len(rests) > 1 else None
 
