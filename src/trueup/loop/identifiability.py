@@ -8,15 +8,12 @@ from collections.abc import Collection
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
-from trueup.verdicts import Verdict, advice, judged
+from trueup.verdicts import Verdict, advice, judged, vague
 
-# Share of the box: a direction with an interval this wide is named.
-_LOOSE = 0.12
 NO_EFFECT = 1e-3
 UNSEEN = "no effect"
 UNTOLD = (UNSEEN, "not identified")
@@ -63,7 +60,7 @@ def unseen_directions(fit: Fit, covariance: Array, told: Collection[str] = ()) -
     slopes = fit.space.unit_slope(fit.values)[some]
     sentences = [_sentence([p], np.ones(1), np.ones(1)) for p, left in zip(every, here & ~some, strict=True) if left]
     for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
-        if np.sqrt(max(variance, 0.0)) < _LOOSE / half_interval():
+        if not vague(max(variance, 0.0) ** 0.5):
             break
         chief = np.flatnonzero(np.abs(direction) > 0.35 * np.abs(direction).max())
         chief = chief[np.argsort(-np.abs(direction[chief]))][:4]
