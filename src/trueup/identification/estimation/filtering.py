@@ -13,15 +13,13 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.instant import usual_step
-from trueup.rounding import whole_steps
+from trueup.rounding import PRINTED, whole_steps
 from trueup.samples import between
 
 ORDER = 8
 """Of the filter as a whole: half of it runs forward, half of it backward."""
 _NYQUIST = 0.8
 """The highest cut-off, as a share of half the rate."""
-_PADDING = 3.0
-"""Periods of the cut-off by which a signal is prolonged at both ends."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Lowpass:
 
     def __call__(self, values: ArrayLike, axis: int = 0) -> Array:
         """`values` filtered along `axis`, forward and backward. Raises IdentificationError for too few samples."""
-        from scipy.signal import butter, sosfiltfilt  # half a second to load
+        from scipy.signal import butter, sos2zpk, sosfiltfilt  # half a second to load
 
         signal = np.asarray(values, dtype=np.float64)
         if signal.size == 0:
@@ -49,8 +47,11 @@ class Lowpass:
         samples = signal.shape[axis]
         if samples < 2 * ORDER:
             raise IdentificationError(f"{samples} samples are too few to filter; at least {2 * ORDER} needed")
-        padding = min(int(_PADDING * self.rate / self.cutoff) + 1, samples - 1)
         sections = butter(ORDER // 2, self.cutoff, fs=self.rate, output="sos")
+        # Prolonged at both ends until the filter has forgotten where it began.
+        poles = np.asarray(sos2zpk(sections)[1], dtype=np.complex128)
+        lasting = math.log(PRINTED) / math.log(float(np.abs(poles).max()))
+        padding = min(math.ceil(lasting), samples - 1)
         return np.ascontiguousarray(sosfiltfilt(sections, signal, axis=axis, padlen=padding))
 
 
