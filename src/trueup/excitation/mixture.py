@@ -24,7 +24,7 @@ from trueup.excitation.periodic import Fourier, MotionClass, at_rest
 from trueup.excitation.planner import ViaPoints, joint_moves
 from trueup.excitation.trajectories import RATE, SAMPLED, Motions, Trajectory
 from trueup.identification.information import log_determinants
-from trueup.rounding import ROUNDED
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 Draw = Callable[[np.random.Generator], "Trajectory | None"]
 """A random motion of one class from rest to rest; None where the draw cannot be performed."""
@@ -38,8 +38,6 @@ GENTLE, ABRUPT = Settings(ramp=0.25), Settings(ramp=0.1)
 """How suddenly a planner reaches its speed: local identification, section III-D."""
 _DRAWS = 200
 """Motions of a class, or postures of a motion, that are drawn at most to find what can be performed, or reached."""
-_BEFORE = 1e-4
-"""Of what all drawn motions tell is known before the first, parameter by parameter: a determinant needs full rank."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +173,8 @@ def mixed(
             told(Step(float("nan"), len(pool), time.perf_counter() - began, k / len(classes)))
     if not pool:
         raise IdentificationError("no motion of any class can be performed")
-    known = _BEFORE * np.diag(np.sum([np.diag(M) for _, M in pool], axis=0))
+    # So much is known before the first, parameter by parameter: a determinant needs full rank.
+    known = NEGLIGIBLE * np.diag(np.sum([np.diag(M) for _, M in pool], axis=0))
     while pool := [(t, M) for t, M in pool if t.duration <= seconds - sum(c.duration for c in chosen)]:
         gained = log_determinants(np.stack([known + M for _, M in pool])) - log_determinants(known[None])
         trajectory, M = pool.pop(int(np.argmax(gained / np.array([t.duration for t, _ in pool]))))
