@@ -13,9 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
+from trueup.discrepancies.weighted import Weighted
+from trueup.loop.anew import begun_anew, undisturbed
 from trueup.loop.calibrate import Options
+from trueup.loop.descent import Descent, Watch, last_look
 from trueup.loop.disturbed import LeftOut, Seen, disturbed
-from trueup.loop.prepare import prepare
+from trueup.loop.prepare import Preparation, prepare
+from trueup.loop.problem import Problem
+from trueup.loop.stages import Run
+from trueup.loop.windows import in_windows
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -148,3 +154,59 @@ def test_of_drives_that_are_named_otherwise_than_their_joints_more_than_elsewher
     run = Recording("run", {"command": command, "position": position})
     assert not disturbed([Seen(run, ("a",), TIME, (NOISE + _burst(5.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
     assert disturbed([Seen(run, ("a",), TIME, (NOISE + _burst(9.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
+
+
+_POLE = """<mujoco><option timestep="0.002"/><worldbody><body name="pole"><joint name="a" axis="0 1 0" damping="{damping}"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.4" size=".01" mass=".2" contype="0"/></body></worldbody>
+<actuator><motor name="a" joint="a"/></actuator></mujoco>"""
+
+
+def _swung(name: str, seed: int, pushed: float = 0.0) -> Recording:
+    """10 s of a pole that torques swing over the top, and that a hand may push at 8 s for 0.1 s."""
+    model = mujoco.MjModel.from_xml_string(_POLE.format(damping=0.004))
+    data, time, rng, seen = mujoco.MjData(model), np.arange(0.0, 10.0, 0.01), np.random.default_rng(seed), []
+    waves = zip(rng.uniform(0.5, 1.0, 3) / 7.5, rng.uniform(0.3, 1.5, 3), rng.uniform(0.0, 6.0, 3), strict=True)
+    told = sum(size * np.sin(2.0 * np.pi * rate * time + phase) for size, rate, phase in waves) * np.minimum(1.0, time)
+    for now, torque in zip(time, told, strict=True):
+        seen.append(data.qpos.copy())
+        data.xfrc_applied[1, 4] = pushed * (8.0 <= now < 8.1)
+        data.ctrl[:] = torque
+        mujoco.mj_step(model, data, 5)
+    noisy = np.array(seen) + rng.normal(0.0, 3e-4, (len(time), 1))
+    rows = {"command": ("N m", told[:, None]), "position": ("rad", noisy)}
+    return Recording(name, {n: Channel(n, ("a",), unit, time, values) for n, (unit, values) in rows.items()})
+
+
+@pytest.fixture(scope="module", params=[0.0, 1.0], ids=["not pushed", "pushed"])
+def swung(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Preparation, bool]:
+    """A pole and whether it was pushed; with a damping 2 % too large it goes over the top once less although it was not."""
+    folder = tmp_path_factory.mktemp("pole")
+    (folder / "pole.xml").write_text(_POLE.format(damping=0.004 if request.param else 0.0041))
+    (folder / "parameters.toml").write_text('[[parameter]]\nquantity = "damping"\nof = "a"\n')
+    runs = [_swung("6", 6), _swung("7", 7, request.param), _swung("8", 8)]
+    return prepare(folder / "pole.xml", runs, parameters=folder / "parameters.toml"), bool(request.param)
+
+
+def test_a_pole_that_goes_over_the_top_once_more_was_not_pushed(swung: tuple[Preparation, bool]) -> None:
+    ready, pushed = swung
+    assert any("something acted" in n for n in ready.compare().notes) == pushed
+
+
+def test_a_search_begins_anew_in_windows_where_replays_part_although_nothing_acted(
+    swung: tuple[Preparation, bool],
+) -> None:
+    ready, pushed = swung
+    space, (old,) = ready.simulator.parameters, ready.simulator.parameters.nominal
+    measure = Weighted.estimated(ready.recordings, ["position"])
+    problem = in_windows(Problem(ready.simulator, ready.recordings, measure, ("position",)), 2.5 if pushed else np.inf)
+    descent = Descent(space, space.to_unit(space.nominal), Watch(), 3.0)
+    run = Run(problem, problem, space.nominal, descent, None, 0, problem, looks=1)
+    run.look = last_look(problem, problem)
+    descent.stay(run.look)
+    begun_anew(run)
+    (new,) = run.descent.space.from_unit(run.descent.point)
+    assert np.isfinite(run.disturbed.lasting) != pushed
+    assert run.disturbed.lasting < 10.0 or pushed
+    assert abs(new - 0.004) < 0.5 * abs(old - 0.004) or pushed
+    undisturbed(run)
+    assert [list(gaps) for gaps in run.disturbed.gaps] == [["7"]] * pushed

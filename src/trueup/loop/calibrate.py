@@ -19,6 +19,8 @@ from trueup.ends import End
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.inspection.outstanding import NAME
+from trueup.inspection.released import LONG
+from trueup.loop.anew import ANEW
 from trueup.loop.changed import changes
 from trueup.loop.checks import check
 from trueup.loop.chooser import Chooser
@@ -91,28 +93,29 @@ def calibrate(
 
     `space` may freeze more of them, `start` (n,) are values to search from (None: the nominal ones);
     `earlier` knew some of the recordings, and what its model lacks is not asked as if it had not. Where something acted on
-    the robot that no model has, it begins anew without that (`Options.undisturbed`), as without what is `left_out` already.
+    the robot that no model has, it begins anew without that (`Options.undisturbed`), as without what is `left_out` already;
+    where replays part for good although nothing acted, in windows that do not.
 
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
     began, cpu, warnings = time.perf_counter(), time.process_time(), check(recordings, hold_out)
     known = LeftOut.kept_in(resume) if left_out is None else left_out
-    less = LeftOut() if options is not None and options.undisturbed is False else known
+    less = replace(known, gaps=()) if options is not None and options.undisturbed is False else known
     training, judged = less.of(recordings), less.of(hold_out)
     space = simulator.parameters if space is None else space
-    chosen = _with_entering(options or Options(), space)
+    chosen = _with_entering(_in_windows(options or Options(), less, whole=bool(discrepancy or controllers)), space)
     left, chosen_before = _searched(space, chosen.later, resume)
-    laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers)
+    laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers, less.why)
     problem, watch, chooser = laid.problem, _watching(laid.problem, progress, less.kept_by(checkpoint)), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, left, laid.begin, watch, resume=resume, select=select, **_how(chosen))
-    if chosen.select and not found.disturbed.gaps:
+    if chosen.select and not found.disturbed.any:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
-    shown = () if found.disturbed.gaps else laid.replayed(found.values, judged)
+    shown = () if found.disturbed.any else laid.replayed(found.values, judged)
     more = found.disturbed
     if shown and chosen.undisturbed is not None:
-        more = disturbed(seen_in(shown, (*training, *judged)))
-    if chosen.undisturbed and more.touches(training):
+        more = laid.disturbed(shown, found.values, judged)
+    if np.isfinite(more.lasting) or (chosen.undisturbed and more.touches(training)):
         again = calibrate(
             simulator, recordings, hold_out, options=options, discrepancy=discrepancy, controllers=controllers,
             progress=progress, checkpoint=checkpoint, space=space, start=found.values, earlier=earlier,
@@ -155,23 +158,35 @@ class _Replayed:
     @classmethod
     def laid_out(
         cls, simulator: Simulator, recordings: Sequence[Recording], chosen: Options, space: ParameterSpace,
-        start: Array | None, discrepancy: Discrepancy | None, controllers: ControllerFactory | None,
+        start: Array | None, discrepancy: Discrepancy | None, controllers: ControllerFactory | None, why: str,
     ) -> _Replayed:  # fmt: skip
-        """Whole, or in windows in which slopes lead (see `cut_for_search`)."""
+        """Whole, in windows in which slopes lead (see `cut_for_search`), or in such as are asked for, and `why`."""
         channels = sorted({c for r in recordings for c in simulator.observable(r)})
         measure, fitted = discrepancy or Weighted.estimated(recordings, channels), chosen.channels or usual(channels)
         problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
         waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
         begin = space.without(waiting).nominal if start is None else start
-        free = chosen.windows is None and discrepancy is None and controllers is None
-        smooth = space.without(waiting) if free else None
-        problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
+        smooth = space.without(waiting) if chosen.windows is None else None
+        problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed, why)
         return cls(problem, measure, fitted, led if start is None else start, lasting, cut, controllers)
 
-    def replayed(self, values: Array, hold_out: Sequence[Recording]) -> tuple[Replay, ...]:
-        """All that is fitted, and what is held out, with values (n,) and as the simulator came."""
+    def replayed(self, values: Array, hold_out: Sequence[Recording], longest: float = np.inf) -> tuple[Replay, ...]:
+        """All that is fitted, and what is held out, with values (n,) and as the simulator came; begun anew after `longest` s
+        at most.
+        """
         return replays(self.problem.simulator, values, self.problem.recordings, hold_out, self.measure,
-                       channels=self.channels, controllers=self.controllers, windows=self.lasting)  # fmt: skip
+                       channels=self.channels, controllers=self.controllers, windows=min(self.lasting, longest))  # fmt: skip
+
+    def disturbed(self, shown: Sequence[Replay], values: Array, hold_out: Sequence[Recording]) -> LeftOut:
+        """What stands out of replays that are `shown`, and of such as begin anew every so often."""
+        every = (*self.problem.recordings, *hold_out)
+        return disturbed(seen_in(shown, every), lambda: seen_in(self.replayed(values, hold_out, LONG), every))
+
+
+def _in_windows(options: Options, known: LeftOut, *, whole: bool) -> Options:
+    """In windows of what is `known` to be how long replays last, or `whole`, unless options ask for others."""
+    longest = known.lasting if np.isfinite(known.lasting) and not whole else np.inf if whole else None
+    return options if options.windows is not None else replace(options, windows=longest)
 
 
 def _with_entering(options: Options, space: ParameterSpace) -> Options:
@@ -196,7 +211,9 @@ def _searched(
 
 
 def _how(options: Options) -> dict[str, Any]:
-    stages = tuple(s for s in options.stages or searched_by(options.search) if options.undisturbed or s.name != NAME)
+    without = {NAME} if not options.undisturbed else set()
+    without |= {ANEW} if options.windows is not None else set()
+    stages = tuple(s for s in options.stages or searched_by(options.search) if s.name not in without)
     return {"stages": stages, "robust": options.robust, "seed": options.seed, "solver": options.solver,
             "later": options.later}  # fmt: skip
 

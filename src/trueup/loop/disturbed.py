@@ -94,6 +94,12 @@ class _Stretch:
         start = max(float(time[0]), float(time[self.first]) - 0.5 * LONG)
         return Gap(start, float(time[self.last]) + 0.5 * LONG - start)
 
+    def meets(self, other: _Stretch) -> bool:
+        """Whether another is of the same recording and meets it in time."""
+        own, its = self.gap, other.gap
+        apart = own.start > its.start + its.duration or its.start > own.start + own.duration
+        return self.seen.recording is other.seen.recording and not apart
+
     def words(self, rest: float) -> str:
         """When, and how far which joints are off, with `rest` of the others in times of what is usual."""
         far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > UNUSUAL]
@@ -109,11 +115,24 @@ class _Stretch:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Stretches that a calibration goes on without, one finding after the other."""
+    """Stretches that a calibration goes on without, one finding after the other, and how long its replays may be."""
 
     gaps: tuple[Mapping[str, Sequence[tuple[float, float]]], ...] = ()
     """Of each finding: (start, duration) in s of the stretches of recordings, by name."""
     notes: tuple[str, ...] = ()
+    lasting: float = np.inf
+    """s after which replays begin anew, as longer ones part for good although nothing acted."""
+
+    @property
+    def any(self) -> bool:
+        """Whether a search is to begin anew for this."""
+        return bool(self.gaps) or bool(np.isfinite(self.lasting))
+
+    @property
+    def why(self) -> str:
+        """Why replays are no longer, to be read behind how long they are."""
+        parts = ": longer replays part for good from what was measured, although nothing acted on the robot"
+        return parts if np.isfinite(self.lasting) else ""
 
     def of(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings in parts between these stretches, each from where the robot was; the others are the same objects."""
@@ -136,18 +155,20 @@ class LeftOut:
 
     def and_also(self, found: LeftOut) -> LeftOut:
         """With what was found in the parts."""
-        return LeftOut((*self.gaps, *found.gaps), (*self.notes, *found.notes))
+        lasting = min(self.lasting, found.lasting)
+        return LeftOut((*self.gaps, *found.gaps), (*self.notes, *found.notes), lasting)
 
     def kept_by(self, checkpoint: Callable[[dict[str, Any]], None] | None) -> Callable[[dict[str, Any]], None] | None:
         """A checkpoint that keeps this with the state of a search."""
-        state = {"gaps": [{k: list(v) for k, v in g.items()} for g in self.gaps], "notes": list(self.notes)}
-        return checkpoint if checkpoint is None or not self.gaps else lambda saved: checkpoint({**saved, NAME: state})
+        gaps = [{k: list(v) for k, v in g.items()} for g in self.gaps]
+        state = {"gaps": gaps, "notes": list(self.notes), "lasting": self.lasting}
+        return checkpoint if checkpoint is None or not self.any else lambda saved: checkpoint({**saved, NAME: state})
 
     @classmethod
     def kept_in(cls, state: Mapping[str, Any] | None) -> LeftOut:
         """What a checkpoint kept."""
         kept = (state or {}).get(NAME)
-        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]))
+        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]), kept.get("lasting", np.inf))
 
 
 def seen_by(problem: Problem, values: Array) -> list[Seen]:
@@ -190,15 +211,17 @@ def seen_in(replays: Sequence[Replay], recordings: Sequence[Recording]) -> list[
     ]
 
 
-def disturbed(every: Sequence[Seen]) -> LeftOut:
+def disturbed(every: Sequence[Seen], anew: Callable[[], Sequence[Seen]] | None = None) -> LeftOut:
     """Stretches in which something acted on the robot that the model does not have; none of robots on a free base, whose
-    replays part by chance.
+    replays part by chance. With what is seen in replays that begin `anew` every so often, only stretches that stand out
+    there as well: a replay may part for good although nothing acted, as that of a pole that goes over the top once more.
     """
     if any(one.recording.has(name) for one in every for name in BASE):
         return LeftOut()
-    stretches, usual = _stretches(every)
-    which, rest = outstanding([s.excess for s in stretches], usual)
-    found = sorted((stretches[k] for k in which), key=lambda s: s.first)
+    found, rest = _outstanding(every)
+    if found and anew is not None:
+        short, _ = _outstanding(anew())
+        found = [s for s in found if any(s.meets(t) for t in short)]
     own = {s.seen.recording.name: [t for t in found if t.seen is s.seen] for s in found}
     gaps = {name: [(s.gap.start, s.gap.duration) for s in stretches] for name, stretches in own.items()}
     notes = tuple(
@@ -208,6 +231,13 @@ def disturbed(every: Sequence[Seen]) -> LeftOut:
         for name, stretches in own.items()
     )
     return LeftOut((gaps,) if gaps else (), notes)
+
+
+def _outstanding(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
+    """Stretches that stand out, and how far joints are off anywhere else, in times of what is usual."""
+    stretches, usual = _stretches(every)
+    which, rest = outstanding([s.excess for s in stretches], usual)
+    return sorted((stretches[k] for k in which), key=lambda s: s.first), rest
 
 
 def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:

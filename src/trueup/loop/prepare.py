@@ -22,6 +22,7 @@ from trueup.errors import CalibrationError, ModelError, SimulationFailedError, u
 from trueup.inspection.alignment import clock_errors
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.inspection.outstanding import NAME
+from trueup.inspection.released import LONG
 from trueup.inspection.si import in_si
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
@@ -202,10 +203,11 @@ class Preparation:
         every = self.family.judged(self.simulator, every)
         seen = sorted({c for r in every for c in self.simulator.observable(r)})
 
-        def replayed(recordings: Sequence[Recording]) -> tuple[Replay, ...]:
+        def replayed(
+            recordings: Sequence[Recording], windows: float | None = inf if predictions else None
+        ) -> tuple[Replay, ...]:
             return replays(self.simulator, self.simulator.parameters.nominal, (), recordings,
-                           channels=channels or usual(seen), against=other,
-                           windows=inf if predictions else None)  # fmt: skip
+                           channels=channels or usual(seen), against=other, windows=windows)  # fmt: skip
 
         failed: dict[int, str] = {}
         try:
@@ -220,8 +222,9 @@ class Preparation:
         shown = self.family.as_recorded(found, every)
         judged, nominal = tuple(dict.fromkeys(r.channel for r in found)), self.simulator.parameters.nominal
         ahead = () if predictions else predicted_ahead(self.simulator, nominal, every, judged)
-        acted = disturbed(seen_in(found, every)).notes if NAME in self.family.diagnoses else ()
-        return Comparison(shown, predictions, ahead, (*notes, *acted), broken)
+        acted = disturbed(seen_in(found, every), lambda: seen_in(replayed(every, LONG), every))
+        noted = acted.notes if NAME in self.family.diagnoses else ()
+        return Comparison(shown, predictions, ahead, (*notes, *noted), broken)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
         if not isinstance(self.family, type(family_of(path))):

@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import HALVED, explained
 from trueup.loop.descent import Descent, Fit, Look, Select, last_look
-from trueup.loop.disturbed import LeftOut, disturbed, seen_by
+from trueup.loop.disturbed import LeftOut
 from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved, losses_at
 from trueup.loop.interior import nudge
 from trueup.loop.probe import probed
@@ -163,12 +163,6 @@ def longer_parts(run: Run) -> None:
     old, new = robust_losses(np.stack([found.residual, found.residual if there is None else there]), found.delta)
     if not new < old:
         run.descent = before
-
-
-def undisturbed(run: Run) -> None:
-    """Whether something acted on the robot, as soon as all recordings were looked at."""
-    if run.looks and run.look.problem.duration >= run.problem.duration:
-        run.disturbed = disturbed(seen_by(run.look.problem, run.descent.space.from_unit(run.descent.point)))
 
 
 def refinement(run: Run) -> None:
