@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
 from trueup.discrepancies.weighted import Weighted
+from trueup.formats.plain import finite
 from trueup.loop.anew import begun_anew, undisturbed
 from trueup.loop.calibrate import Options
 from trueup.loop.descent import Descent, Watch, last_look
@@ -134,15 +135,17 @@ def test_what_a_model_may_lack_is_not_taken_for_something_that_acted(off: Array,
     assert not disturbed([_seen(off, told)]).gaps
 
 
-def test_what_was_left_out_is_kept_with_an_interrupted_search() -> None:
-    found, states = LeftOut(({"run": [(2.0, 1.0)]},), ("seen",)), list[dict[str, object]]()
+@pytest.mark.parametrize("lasting", [np.inf, 1.4])
+def test_what_was_left_out_is_kept_with_an_interrupted_search(lasting: float) -> None:
+    found, states = LeftOut(({"run": [(2.0, 1.0)]},), ("seen",), lasting), list[dict[str, object]]()
     keep = found.kept_by(states.append)
     assert keep is not None
     keep({"stage": "all"})
     assert states[0]["stage"] == "all"
     position = Channel("position", ("a",), "rad", TIME, WAVES[:, None])
     run = Recording("run", {"command": position.replace(name="command"), "position": position})
-    again = LeftOut.kept_in(states[0])
+    again = LeftOut.kept_in(finite(states[0]))  # as a file of JSON keeps it
+    assert again.lasting == lasting
     assert [p.name for p in again.of([run])] == ["run part 1", "run part 2"]
     assert again.notes == ("seen",)
 

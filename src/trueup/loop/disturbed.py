@@ -168,7 +168,7 @@ class LeftOut:
     def kept_in(cls, state: Mapping[str, Any] | None) -> LeftOut:
         """What a checkpoint kept."""
         kept = (state or {}).get(NAME)
-        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]), kept.get("lasting", np.inf))
+        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]), kept.get("lasting") or np.inf)
 
 
 def seen_by(problem: Problem, values: Array) -> list[Seen]:
