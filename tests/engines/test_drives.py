@@ -182,6 +182,9 @@ def test_logs_of_which_none_says_what_the_drives_did_are_refused(tmp_path: Path)
     _, notes = simulator_for(_model(tmp_path, _MOTOR), [silent.with_channel(off)])
     assert any(n.startswith("no command in swing: there servos hold") for n in notes)
     simulator_for(_model(tmp_path, ""), [silent])  # a passive model
+    amperes = Channel("command_current", ("j",), "A", silent.time, np.ones((len(silent.time), 1)))
+    with pytest.raises(RecordingError, match=r"command_current: .*torque constant.*command_torque.*scale"):
+        simulator_for(_model(tmp_path, _MOTOR), [silent.with_channel(amperes)])
 
 
 def test_duties_are_said_to_be_the_controls_of_motors_which_they_drive_then(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from trueup.formats.per_joint import joined
 from trueup.formats.rules.joints import read as reading_of
 from trueup.formats.rules.names import stem, taken_apart
 from trueup.formats.table import Table, listing
+from trueup.formats.whose import told_by_rows
 from trueup.recording import Recording, with_warnings
 
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
@@ -107,7 +108,7 @@ def _file(path: Path) -> list[Source]:
         return [Source(path.stem, (path,), (), result, kind)]
     if isinstance(result, list):
         return [Source(name, (path,), tuple(tables), reader=kind) for name, tables in result]
-    runs = episodes(described(with_names(result), path), path.stem)
+    runs = episodes(described(told_by_rows(with_names(result)), path), path.stem)
     return [Source(name, (path,), (one_row_an_instant(table),), reader=kind) for name, table in runs]
 
 

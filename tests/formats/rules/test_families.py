@@ -110,3 +110,11 @@ def test_what_a_base_below_a_models_joints_does_makes_no_vehicle_of_the_log(tmp_
     found = guess(tmp_path, [*columns, "odom_x", "odom_y", "odom_yaw"], ("base_x", "pan", "tilt"))
     assert found.channels["command"].columns == tuple(columns[:2])
     assert found.channels["position"].columns == tuple(columns[2:])
+
+
+def test_a_joint_that_nothing_commands_does_not_hide_the_positions_of_those_that_are(tmp_path: Path) -> None:
+    columns = ["trolley_x_cmd", "trolley_x", "hoist_z_cmd", "hoist_z", "sway_deg"]
+    found = guess(tmp_path, columns, ("trolley_x", "hoist_z", "sway")).channels
+    assert dict(zip(found["position"].labels, found["position"].columns, strict=True)) == {
+        "trolley_x": "trolley_x", "hoist_z": "hoist_z", "sway": "sway_deg",
+    }  # fmt: skip

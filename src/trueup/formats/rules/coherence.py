@@ -224,18 +224,20 @@ def with_twins(proposals: Sequence[Proposal], known: Sequence[str] = ()) -> list
 
     "joint1" beside "joint1_cmd", where it does not move against it. Where one of them goes along with its command, the names
     mean what was measured, and one that moves against it was logged with the other sign. Where names by themselves mean that,
-    so does that of a joint of the model (`known`) that nothing commands.
+    so does that of a joint of the model (`known`) that nothing commands; how such a joint's position is called says nothing
+    of how those of commanded joints are.
     """
     measured = {p.label for p in proposals if p.role == "position"}
     commands = {p.label: p.column for p in proposals if p.role == "command"}
-    if measured and not measured & commands.keys():
+    told = measured - ({*known} - commands.keys())
+    if told and not told & commands.keys():
         return list(proposals)
     twins: dict[int, tuple[str, float]] = {}
     for k, p in enumerate(proposals):
         label = _label_without_unit(p.column)
         if not p.role and label in commands.keys() - measured and p.column.width == commands[label].width:
             twins[k] = label, _together(p.column, commands[label])
-    surely = bool(measured) or any(together > 0.0 for _, together in twins.values())
+    surely = bool(told) or any(together > 0.0 for _, together in twins.values())
     if twins and surely:
         passive = {*known} - measured - commands.keys()
         bare = {k: _label_without_unit(p.column) for k, p in enumerate(proposals) if not p.role and p.column.width == 1}

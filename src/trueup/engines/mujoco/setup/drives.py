@@ -31,6 +31,10 @@ _CONTROLS = (
     'if these drove the motors, they are the model\'s controls (ctrl): [channels.command_torque] with unit = "%" or none'
     "; the motors' gain is calibrated, and damping holds what their own voltage takes away."
 )
+_AMPERES = (
+    "a current drives the joint by the motor's torque constant: name its column in [channels.command_torque] with "
+    'unit = "N m" and scale = the N m at the joint (torque constant times gear ratio) for 1 of what the file has.'
+)
 _SPEED = ("rad/s", "m/s")
 
 
@@ -117,6 +121,8 @@ def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = F
         way = ("command_torque]", "N m") if motors else ("command]", "rad")
         open_loop = [n for n in ("duty", "command_duty", "command_voltage") if any(r.has(n) for r in silent)]
         not_taken = f"{' and '.join(open_loop)}: {_CONTROLS if motors else _NO_DUTY} " if open_loop else ""
+        amperes = [n for n in ("command_current", "current") if any(r.has(n) for r in silent)]
+        not_taken += f"{amperes[0]}: {_AMPERES} " if amperes and motors else ""
         seen = dict.fromkeys(f"{c.name} ({', '.join(c.labels)})" for r in silent for c in r.channels.values())
         raise RecordingError(
             f"no command in {names}: nothing says what the drives of model '{model.path.name}' "
