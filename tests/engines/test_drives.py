@@ -469,3 +469,29 @@ def test_positions_that_joints_follow_stay_positions_beside_motors(tmp_path: Pat
     ready = prepare(_model(tmp_path, _MOTOR), [Recording("followed", {c.name: c for c in channels})])
     assert not any("torques" in d.name for d in ready.diagnoses)
     assert ready.recordings[0].channel("command").unit == "rad"
+
+
+def test_what_slows_a_small_pendulum_is_found_below_what_any_gear_of_an_arm_has(tmp_path: Path) -> None:
+    """20 g on 12 cm, whose bearing has a hundredth of the least friction of servos, swing out below a slide that moved."""
+    text = """<mujoco><worldbody><body><joint name="cart" type="slide" axis="1 0 0"/><geom size=".03" mass=".5"/><body>
+    <joint name="swing" axis="0 1 0" damping="{damping}"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.12" size=".004" mass=".02"/>
+    </body></body></worldbody><actuator><position joint="cart" kp="200" kv="20"/></actuator></mujoco>"""
+    path = tmp_path / "cart.xml"
+    path.write_text(text.format(damping=0.0))
+    model = mujoco.MjModel.from_xml_string(text.format(damping=2e-5))
+    data, time, seen = mujoco.MjData(model), np.arange(0.0, 8.0, 0.01), []
+    told = 0.01 * np.sin(8.0 * time) * (time < 3.0)
+    for wanted in told:
+        seen.append(data.qpos.copy())
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 5)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(time), 2)) * [2e-5, 5e-4]
+    log = Recording("log", {
+        "command": Channel("command", ("cart",), "m", time, told[:, None]),
+        "position": Channel("position", ("cart", "swing"), "", time, np.array(seen) + noise, units=("m", "rad")),
+    })  # fmt: skip
+    ready = prepare(path, [log])
+    found = ready.calibrate(options=QUICK)
+    (damping,) = [e for e in found.estimates if e.name == "swing.damping"]
+    assert damping.value == pytest.approx(2e-5, rel=0.3)

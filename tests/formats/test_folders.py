@@ -125,3 +125,12 @@ def test_times_and_values_must_be_equally_many(tmp_path: Path, small_files: Any)
 def test_no_path_at_all_is_an_error() -> None:
     with pytest.raises(FormatError, match="no file was given"):
         formats.read([])
+
+
+def test_a_joint_of_the_model_that_a_camera_saw_is_a_joint(tmp_path: Path) -> None:
+    (tmp_path / "plc.csv").write_text("t,lift_soll_mm,lift_ist_mm\n0,1,1\n0.1,2,2\n0.2,3,3\n")
+    (tmp_path / "camera.csv").write_text("timestamp,sway_deg,score\n0,1,90\n0.1,2,80\n0.2,3,70\n")
+    channels = formats.guess_mapping(tmp_path, ("lift", "sway")).channels
+    (seen,) = (name for name, channel in channels.items() if channel.columns == ("sway_deg",))
+    assert seen.startswith("position")
+    assert (channels[seen].labels, channels[seen].unit) == (("sway",), "deg")

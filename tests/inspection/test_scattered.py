@@ -54,3 +54,14 @@ def test_joints_that_the_model_lacks_stay_where_they_are() -> None:
     (run,), notes = gathered([_log()], ["hip"])
     assert run.channel("position").labels == ("hip",)
     assert notes == []
+
+
+def test_angles_that_are_labelled_as_a_joint_are_its_position_whatever_they_are_called() -> None:
+    camera = Channel("camera", ("sway",), "rad", FINGER, FINGER)
+    others = [Channel("light", ("lamp",), "rad", FINGER, FINGER), Channel("spin", ("sway",), "rad/s", FINGER, FINGER)]
+    log = Recording("log", {**_log().channels, **{c.name: c for c in (camera, *others)}}, {})
+    (run,), (note,) = gathered([log], ["hip", "finger", "sway"])
+    seen = run.channel("position").column("sway")
+    np.testing.assert_allclose(seen[np.isfinite(seen)], ARM[np.isfinite(seen)])
+    assert "sway from camera" in note
+    assert {"light", "spin"} <= run.channels.keys()

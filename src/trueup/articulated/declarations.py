@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import fnmatch
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -188,14 +189,13 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
     # Where a value is zero on both sides, only the sides' mirror can tell which way it grows.
     signs = tuple(1.0 if i == 0 or v * values[0] > 0 else -1.0 for i, v in enumerate(values)) if mirrored else ()
     nominal = line.nominal if line.nominal is not None else float(values[0])
-    usual = q.bounds(nominal)
-    little = [q.little(model, n) for n in group] if q.little is not None else []
-    lower = line.lower if line.lower is not None else min([usual[0], *(x for x in little if x > 0.0)])
+    lower = line.lower if line.lower is not None else min(q.least(model, n, nominal) for n in group)
     reach = [q.reach(model, n) for n in group] if q.reach is not None else []
-    upper = line.upper if line.upper is not None else max([usual[1], *reach])
+    upper = line.upper if line.upper is not None else max([q.bounds(nominal)[1], *reach])
     scale = line.scale or q.scale
     if scale == "log" and not line.frozen and line.nominal is None:
-        nominal = min(max(nominal, lower), upper)  # a nominal of zero cannot start on a log scale
+        # A nominal of zero cannot start on a log scale, and has hardly a slope where there is hardly any of it.
+        nominal = min(max(nominal, math.sqrt(lower * max(lower, q.bounds(nominal)[0]))), upper)
     label, unsigned = line.name or _label(group, line, q), q.bounds(0.0)[0] >= 0.0
     parameter = Parameter(
         name=label if label == q.name else f"{label}.{q.name}", unit=q.unit_at(model, group[0]), nominal=nominal,

@@ -21,13 +21,16 @@ def gathered(
 ) -> tuple[list[Recording], list[str]]:
     """Recordings whose channels hold all of the model's `joints` that were logged, and a note.
 
-    A recording has one clock for all joints of a kind, a robot of several drivers one for each. Measurements of the others
-    stand at the instants next to their own (with `filled` at all of them, in between too); commands at theirs.
+    A recording has one clock for all joints of a kind, a robot of several drivers one for each, under whatever name.
+    Measurements of the others stand at the instants next to their own (with `filled` at all of them, in between too);
+    commands at theirs.
     """
     changed, told = [], dict[str, list[str]]()
     for recording in recordings:
         for name, channel in sorted(recording.channels.items(), key=lambda item: -len(item[1].time)):
-            kind = max((k for k in _KINDS if name.startswith(f"{k}_")), key=len, default="")
+            kind = max((k for k in _KINDS if name.startswith(f"{k}_")), key=len, default="") or _by_labels(
+                channel, joints
+            )
             main = recording.channels.get(kind) if name not in _KINDS else None
             more = [j for j in channel.labels if main is not None and j in joints and j not in main.labels]
             if main is None or not more or not any({main.unit, channel.unit} <= units for units in _ALIKE):
@@ -39,6 +42,12 @@ def gathered(
         changed.append(recording)
     said = "; ".join(f"{', '.join(names)} from {name}" for name, names in told.items())
     return changed, [f"joints that were logged apart from the others are read with these: {said}"] if told else []
+
+
+def _by_labels(channel: Channel, joints: Collection[str]) -> str:
+    """The kind of a channel of any other name: angles and ways of nothing but the model's joints are their positions."""
+    ways = {channel.unit_of(label) for label in channel.labels} <= _ALIKE[0]
+    return "position" if ways and {*channel.labels} <= {*joints} and not is_command(channel.name) else ""
 
 
 def _joined(main: Channel, other: Channel, *, filled: bool) -> Channel:

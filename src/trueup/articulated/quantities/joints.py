@@ -8,6 +8,7 @@ import numpy as np
 from trueup.articulated.laws import STRIBECK_SPEED, VaryingFriction
 from trueup.articulated.model import Model
 from trueup.articulated.quantities.quantity import Quantity, around, between, factor
+from trueup.errors import UnknownNameError
 from trueup.samples import SLIGHT
 
 BANDWIDTH = 2.0 * np.pi * 5.0
@@ -53,6 +54,16 @@ def _light(model: Model, joint: str) -> float:
     return SLIGHT * _moved(model, joint)
 
 
+def _free(model: Model, joint: str) -> float:
+    """What slows a joint that no servo holds by a slight part of 1 rad/s (or m/s) in a second: a small pendulum's bearing has
+    less than the least gear of an arm, and the pendulum swings on for as long as logs are. 0 where an engine does not say.
+    """
+    try:
+        return 0.0 if _servo_force(model, joint, 1.0, 1.0) else SLIGHT * _moved(model, joint)
+    except UnknownNameError:
+        return 0.0
+
+
 def _springy(model: Model, joint: str) -> float:
     """Stiffness that holds the joint as its servo does, or lets it swing at 5 Hz by itself."""
     return max(_servo_force(model, joint, 1.0, 1.0), _moved(model, joint) * BANDWIDTH**2)
@@ -70,7 +81,7 @@ def _stiffening(model: Model, joint: str) -> float:
 JOINTS = (
     Quantity(
         name="damping", family="joint", unit="N m s/rad", title="viscous friction", scale="log",
-        bounds=factor(100, 50, 0.05), attributes=("joint.damping",), start=None, reach=_lagging,
+        bounds=factor(100, 50, 0.05), attributes=("joint.damping",), start=None, reach=_lagging, little=_free,
         shown_by="steady motion at several speeds",
     ),
     Quantity(
@@ -79,7 +90,7 @@ JOINTS = (
     ),
     Quantity(
         name="friction", family="joint", unit="N m", title="Coulomb friction", scale="log", bounds=factor(100, 50, 0.05),
-        attributes=("joint.friction",), start=None, reach=_held, shown_by="slow reversals",
+        attributes=("joint.friction",), start=None, reach=_held, little=_free, shown_by="slow reversals",
     ),
     Quantity(
         name="friction_creep", family="joint", unit="", title="creep of a joint held by friction", scale="log",

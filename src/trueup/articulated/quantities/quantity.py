@@ -75,6 +75,12 @@ class Quantity:
             check_servo(model, target)
         return float(model.get(self.attributes[0], target)[0]) if self.start is None else self.start
 
+    def least(self, model: Model, target: str, nominal: float) -> float:
+        """The lower bound at one target that starts at `nominal`: the usual one, or where that may be much, hardly any."""
+        little = self.little(model, target) if self.little is not None else 0.0
+        usual = self.bounds(nominal)[0]
+        return min(usual, little) if little > 0.0 else usual
+
     def write(self, copies: Writable, target: str, values: Mapping[str, Array]) -> None:
         """Writes values (b,) of the group's quantities, by their names, into a batch of models."""
         for attribute in self.attributes:

@@ -28,7 +28,7 @@ from trueup.formats.rules.drive import Part, drive, ridden
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.inertial import sensor_labels
 from trueup.formats.rules.lists import in_parts, without_other_lists
-from trueup.formats.rules.names import axes, listed, stem, taken_apart, words
+from trueup.formats.rules.names import AXES, axes, listed, stem, taken_apart, words
 from trueup.formats.rules.proposal import Proposal, own, own_words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
@@ -109,7 +109,7 @@ def _proposals(
     columns: Sequence[Column], named: Mapping[Column, Named], known: Sequence[str], *, driven: bool, several: bool
 ) -> list[Proposal]:
     """What each column is taken for; in the log of a vehicle nothing is a joint's position, speed or command."""
-    proposals = [_proposal(column, named.get(column), several) for column in columns]
+    proposals = [_proposal(column, named.get(column), several, known) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
     proposals = without_other_lists(autopilots.without_guided(proposals, columns))
@@ -117,12 +117,17 @@ def _proposals(
     return with_twins(proposals, known)
 
 
-def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
-    """What a column's name and its file's say of a joint."""
+def _proposal(column: Column, named: Named | None, several: bool, known: Sequence[str]) -> Proposal:
+    """What a column's name and its file's say of a joint. That a file is a camera's says nothing against one of `known`."""
     reading = joints.read(column.parts if named is None else named.read_as)
     context = joints.read(taken_apart(stem(column.table.name))) if several else None
     plain = column.parts.words
-    if not reading.joint or (context is not None and not context.joint) or (named is None and of_base(column)):
+    told = reading.label in known and reading.label not in AXES
+    if (
+        not reading.joint
+        or (context is not None and not context.joint and not told)
+        or (named is None and of_base(column))
+    ):
         return own(column)
     kind, command, sent = reading.kind, reading.command, reading.sent
     if kind == "torque" and not command and (reading.unit or column.declared) in joints.SHARES.values():
