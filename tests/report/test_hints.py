@@ -18,9 +18,9 @@ TIME = np.arange(1500) / 50
 MOTION = 0.4 * np.sin(2 * np.pi * 0.3 * TIME) + 0.2 * np.sin(2 * np.pi * 0.71 * TIME + 1)
 
 
-def hint_of(error: NDArray[np.float64], *, noise: float = 0.0005) -> Hint:
+def hint_of(error: NDArray[np.float64], *, noise: float = 0.0005, every: int = 1) -> Hint:
     jitter = noise * np.random.default_rng(1).standard_normal(TIME.size)
-    measured = (MOTION + jitter)[:, None]
+    measured = np.where(np.arange(TIME.size) % every == 0, MOTION + jitter, np.nan)[:, None]
     after = (MOTION + error)[:, None]
     (found,) = hints(
         [Replay("r", True, "position", ("elbow",), "rad", TIME, measured, after, after, None, np.array([noise]))], MILLI
@@ -28,10 +28,10 @@ def hint_of(error: NDArray[np.float64], *, noise: float = 0.0005) -> Hint:
     return found
 
 
-@pytest.mark.parametrize("delay", [0.012, -0.012])
-def test_a_delay_is_named_with_its_size_and_side(delay: float) -> None:
+@pytest.mark.parametrize(("delay", "every"), [(0.012, 1), (-0.012, 1), (0.012, 3)])
+def test_a_delay_is_named_with_its_size_and_side(delay: float, every: int) -> None:
     late = 0.4 * np.sin(2 * np.pi * 0.3 * (TIME - delay)) + 0.2 * np.sin(2 * np.pi * 0.71 * (TIME - delay) + 1)
-    sentence = hint_of(late - MOTION).sentence
+    sentence = hint_of(late - MOTION, every=every).sentence  # every third: a camera beside encoders
     assert ("behind" in sentence) == (delay > 0)
     assert float(re.findall(r"([\d.]+)\sms", sentence)[0]) == pytest.approx(12.0, abs=0.6)
 

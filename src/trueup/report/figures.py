@@ -13,7 +13,7 @@ from trueup.calibration import Calibration, Replay
 from trueup.formats.plain import finite
 from trueup.report.drawing import SAMPLES
 from trueup.report.encoding import kept_samples, packed
-from trueup.report.hints import worst_moment
+from trueup.report.hints import sampled, worst_moment
 from trueup.report.numbers import Scale, scale_for
 from trueup.report.spectra import amplitude_density, error_by_speed, white_density
 from trueup.report.summary import Comparison, column_score, comparisons, noise_of, pooled_score
@@ -74,10 +74,11 @@ def _replay(replay: Replay, scale: Scale, most: int) -> dict[str, Any]:
 
 
 def _column(replay: Replay, column: int, most: int) -> dict[str, Any]:
-    measured = replay.measured[:, column]
-    before, after = replay.before[:, column] - measured, replay.after[:, column] - measured
-    command = None if replay.command is None else replay.command[:, column]
-    time = replay.time - (replay.time[0] if replay.time.size else 0.0)
+    own = sampled(replay.measured[:, column])
+    measured = replay.measured[own, column]
+    before, after = replay.before[own, column] - measured, replay.after[own, column] - measured
+    command = None if replay.command is None else replay.command[own, column]
+    time = replay.time[own] - (replay.time[0] if replay.time.size else 0.0)
     lines = [measured, before, after] + ([] if command is None else [command])
     kept = kept_samples(lines, most)
     score, (start, stop, _) = column_score(replay, column), worst_moment(time, after)

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Mask
 from trueup.calibration import Replay
 from trueup.evidence import HALVED
 from trueup.instant import usual_step
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score, label_score
 from trueup.rounding import SAME_INSTANT
+from trueup.samples import MOSTLY
 
 TELLING = 0.25
 """A pattern is named when it explains at least this share of the squared error."""
@@ -65,6 +66,14 @@ def worst_moment(time: Array, error: Array) -> tuple[float, float, float]:
     return float(t[best]), float(t[last[best] - 1]), math.sqrt(max(float(mean[best]), 0.0))
 
 
+def sampled(measured: Array) -> Mask:
+    """(T,) which samples are those of one label: its own, where more than a few miss it, as it was measured by another clock
+    (a camera's, beside encoders); elsewhere all, and what is missing was lost.
+    """
+    known = np.isfinite(measured)
+    return known if known.any() and np.mean(known) < MOSTLY else np.ones(len(known), dtype=bool)
+
+
 def velocity(time: Array, measured: Array) -> Array:
     """(T,) rate of change of `measured` (T,), smoothed over about 60 ms; NaN beside missing samples."""
     if time.size < 3:
@@ -107,10 +116,11 @@ def _samples(replays: Sequence[Replay], label: str) -> tuple[Array, Array, Array
     errors, positions, speeds = [], [], []
     for replay in replays:
         column = replay.labels.index(label)
-        measured = replay.measured[:, column]
-        errors.append(replay.after[:, column] - measured)
+        own = sampled(replay.measured[:, column])
+        measured = replay.measured[own, column]
+        errors.append(replay.after[own, column] - measured)
         positions.append(measured)
-        speeds.append(velocity(replay.time, measured))
+        speeds.append(velocity(replay.time[own], measured))
     error, position, speed = np.concatenate(errors), np.concatenate(positions), np.concatenate(speeds)
     usable = np.isfinite(error) & np.isfinite(position) & np.isfinite(speed)
     return error[usable], position[usable], speed[usable]
