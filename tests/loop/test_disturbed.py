@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, Replay
 from trueup.discrepancies.weighted import Weighted
 from trueup.formats.plain import finite
 from trueup.loop.anew import begun_anew, undisturbed
 from trueup.loop.calibrate import Options
+from trueup.loop.checks import doubtful_units
 from trueup.loop.descent import Descent, Watch, last_look
 from trueup.loop.disturbed import LeftOut, Seen, disturbed
 from trueup.loop.prepare import Preparation, prepare
@@ -213,3 +214,15 @@ def test_a_search_begins_anew_in_windows_where_replays_part_although_nothing_act
     assert abs(new - 0.004) < 0.5 * abs(old - 0.004) or pushed
     undisturbed(run)
     assert [list(gaps) for gaps in run.disturbed.gaps] == [["7"]] * pushed
+
+
+def test_a_pole_that_goes_round_and_is_replayed_so_is_not_asked_about_degrees() -> None:
+    turned = np.linspace(0.0, 20.0, 200)[:, None]
+    time = 0.01 * np.arange(200.0)
+    run = Recording("run", {"position": Channel("position", ("a",), "rad", time, turned)})
+    near, far = (Replay("run", False, "position", ("a",), "rad", time, turned, turned, k * turned) for k in (0.99, 0.1))
+    assert not doubtful_units([run], [near])
+    (asked,) = doubtful_units([run], [far])
+    assert "are these degrees?" in asked
+    led = Recording("run", {**run.channels, "command": Channel("command", ("a",), "rad", time, turned)})
+    assert len(doubtful_units([led], [near])) == 2  # a servo follows its command in any unit

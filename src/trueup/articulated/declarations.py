@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import fnmatch
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -194,8 +193,7 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
     upper = line.upper if line.upper is not None else max([q.bounds(nominal)[1], *reach])
     scale = line.scale or q.scale
     if scale == "log" and not line.frozen and line.nominal is None:
-        # A nominal of zero cannot start on a log scale, and has hardly a slope where there is hardly any of it.
-        nominal = min(max(nominal, math.sqrt(lower * max(lower, q.bounds(nominal)[0]))), upper)
+        nominal = min(max(nominal, lower, min(q.begun(model, n, nominal) for n in group)), upper)
     label, unsigned = line.name or _label(group, line, q), q.bounds(0.0)[0] >= 0.0
     parameter = Parameter(
         name=label if label == q.name else f"{label}.{q.name}", unit=q.unit_at(model, group[0]), nominal=nominal,

@@ -22,7 +22,7 @@ from trueup.inspection.outstanding import NAME
 from trueup.inspection.released import LONG
 from trueup.loop.anew import ANEW
 from trueup.loop.changed import changes
-from trueup.loop.checks import check
+from trueup.loop.checks import check, doubtful_units
 from trueup.loop.chooser import Chooser
 from trueup.loop.disturbed import LeftOut, disturbed, seen_in
 from trueup.loop.earlier import Earlier
@@ -112,9 +112,8 @@ def calibrate(
     if chosen.select and not found.disturbed.any:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     shown = () if found.disturbed.any else laid.replayed(found.values, judged)
-    more = found.disturbed
-    if shown and chosen.undisturbed is not None:
-        more = laid.disturbed(shown, found.values, judged)
+    asked = bool(shown) and chosen.undisturbed is not None
+    more = laid.disturbed(shown, found.values, judged) if asked else found.disturbed
     if np.isfinite(more.lasting) or (chosen.undisturbed and more.touches(training)):
         again = calibrate(
             simulator, recordings, hold_out, options=options, discrepancy=discrepancy, controllers=controllers,
@@ -125,9 +124,10 @@ def calibrate(
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
     if chosen.undisturbed and more.gaps:
         shown = laid.replayed(found.values, more.of(judged))
+    warnings += doubtful_units((*recordings, *hold_out), shown)
     told = (*warnings, *known.and_also(more).said(bool(chosen.undisturbed)), *changes(problem, found))
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
-    crossed = _cross_validation(problem, found, shown) if chosen.cross_validate and len(training) > 1 else ()
+    crossed = _cross_validation(problem, found, shown, chosen)
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,
                        evaluations=problem.evaluations, seconds=time.perf_counter() - began,
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
@@ -267,8 +267,12 @@ def _in_units(found: Fit, covariance: Array) -> Array:
     return covariance * np.outer(slope, slope)
 
 
-def _cross_validation(problem: Problem, found: Fit, shown: Sequence[Replay]) -> tuple[CrossValidation, ...]:
-    """Replay errors of what is left out together, as shipped and by a fit that never saw it."""
+def _cross_validation(
+    problem: Problem, found: Fit, shown: Sequence[Replay], chosen: Options
+) -> tuple[CrossValidation, ...]:
+    """Replay errors of what is left out together, as shipped and by a fit that never saw it; none of a single recording."""
+    if not chosen.cross_validate or len(problem.recordings) < 2:
+        return ()
     blocks = by_recording(problem)
     main, unit = problem.main
     rows = []

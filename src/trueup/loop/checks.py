@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from trueup.calibration import Replay
 from trueup.errors import CalibrationError
+from trueup.evidence import HALVED
 from trueup.inspection.alignment import on_other_clocks
 from trueup.inspection.repeats import BASE, grouped, lost, together
 from trueup.inspection.twice import seen_twice
@@ -41,9 +43,6 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
 def _about(recording: Recording) -> list[str]:
     found = warnings_of(recording) + _lost(recording)
     command = command_of(recording)
-    for name in ("position", "command", "command_sent"):
-        if recording.has(name):
-            found += _units(recording.name, recording.channel(name))
     if command is not None and recording.has("position"):
         position = recording.channel("position")
         if command.name != "command_torque" and command.unit in ("", position.unit):  # torques lead where they like
@@ -81,12 +80,34 @@ def _lost(recording: Recording) -> list[str]:
     ]
 
 
-def _units(recording: str, channel: Channel) -> list[str]:
+def doubtful_units(recordings: Sequence[Recording], replays: Sequence[Replay]) -> list[str]:
+    """Radians that may be degrees. Joints that no command of a position leads and that `replays` follow are what they are: a
+    pole that goes round and round swings otherwise than one that moves by as many degrees.
+    """
+    found = []
+    for recording in recordings:
+        command = command_of(recording)
+        led = () if command is None or command.unit in ("N m", "N") else command.labels
+        own = [r for r in replays if r.recording.startswith(recording.name) and r.channel == "position"]
+        followed = {label for r in own for label in _followed(r)} - {*led}
+        for name in ("position", "command", "command_sent"):
+            if recording.has(name):
+                found += _units(recording.name, recording.channel(name), followed)
+    return found
+
+
+def _followed(replay: Replay) -> list[str]:
+    """Labels of which a replay explains most of the motion."""
+    moved = np.nanstd(replay.measured, axis=0)
+    return [n for n, off, sd in zip(replay.labels, replay.rmse_after(), moved, strict=True) if off < HALVED * sd]
+
+
+def _units(recording: str, channel: Channel, followed: Collection[str]) -> list[str]:
     largest = np.nanmax(np.abs(channel.values), axis=0, initial=0.0)
     big = [
         f"{label} reaches {v:.4g}"
         for label, v in zip(channel.labels, largest, strict=True)
-        if channel.unit_of(label) == "rad" and hardly_radians(float(v))
+        if channel.unit_of(label) == "rad" and hardly_radians(float(v)) and label not in followed
     ]
     if not big:
         return []

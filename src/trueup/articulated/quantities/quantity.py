@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from trueup.articulated.changes import Changes
 from trueup.articulated.laws import LawFactory
 from trueup.articulated.model import WORLD, Model, Writable, servos
 from trueup.errors import ModelError, UnknownNameError
+from trueup.samples import SLIGHT
 
 Bounds = Callable[[float], tuple[float, float]]
 
@@ -80,6 +82,15 @@ class Quantity:
         little = self.little(model, target) if self.little is not None else 0.0
         usual = self.bounds(nominal)[0]
         return min(usual, little) if little > 0.0 else usual
+
+    def begun(self, model: Model, target: str, nominal: float) -> float:
+        """Where a search along a log scale begins at least: hardly any of it has hardly a slope. What a motor drives has some
+        of a gear's, as much as the target moves at most; where nothing drives, it begins halfway to hardly any.
+        """
+        least, usual = self.least(model, target, nominal), self.bounds(nominal)[0]
+        if model.drives().get(target):
+            return max(least, min(usual, least / SLIGHT))
+        return math.sqrt(least * usual) if 0.0 < least < usual else least
 
     def write(self, copies: Writable, target: str, values: Mapping[str, Array]) -> None:
         """Writes values (b,) of the group's quantities, by their names, into a batch of models."""

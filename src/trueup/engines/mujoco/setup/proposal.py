@@ -106,7 +106,7 @@ def _as(model: Model, line: Declaration, joint: str, drive: Drive | None) -> Dec
     kind = quantity(str(line.quantity))
     if drive is None or getattr(drive, kind.name) is None:
         return replace(line, of=(joint,))
-    least = kind.least(model, joint, kind.nominal(model, joint))
+    least = kind.begun(model, joint, kind.nominal(model, joint))
     return replace(line, of=(joint,), nominal=max(getattr(drive, kind.name), least))
 
 
