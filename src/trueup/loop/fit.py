@@ -16,6 +16,7 @@ from trueup.inspection.outstanding import NAME
 from trueup.loop.alike import all_alike
 from trueup.loop.anew import ANEW, begun_anew, undisturbed
 from trueup.loop.apart import GLANCE
+from trueup.loop.delayed import delays
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
@@ -69,7 +70,7 @@ _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolu
 _AGAIN = Stage("asked again", asked_again)
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
 _GROWTH_APART = Stage("growth joint by joint", growth_apart)
-_ALIKE = Stage("all alike", all_alike)
+_ALIKE, _DELAYS = Stage("all alike", all_alike), Stage("along delays", delays)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _LONGER = Stage("longer parts", longer_parts)
@@ -85,12 +86,12 @@ _AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering)
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _FIRST, *_ELSEWHERE, _COARSE_STEP, _LONGER, _ANEW, _ALONE, *_ELSEWHERE, _PROFILES,
-    _SELECTION, _GROWTH, _FULL, _LONGER, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN,
+    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _DELAYS, _FIRST, *_ELSEWHERE, _COARSE_STEP, _LONGER, _ANEW, _ALONE, *_ELSEWHERE,
+    _PROFILES, _SELECTION, _GROWTH, _FULL, _LONGER, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN,
     Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-_FIRST_LOOKS = (_APART, _GROWTH_APART, _ALIKE, _FIRST, _COARSE_STEP)
+_FIRST_LOOKS = (_APART, _GROWTH_APART, _ALIKE, _DELAYS, _FIRST, _COARSE_STEP)
 _LAST_LOOKS = (_SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
 DESCENT = (*_FIRST_LOOKS, *_LAST_LOOKS)
 """Nothing but where slopes lead."""
