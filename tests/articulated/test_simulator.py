@@ -33,6 +33,7 @@ LINES = [
     Declaration("dead_band", tie="all", nominal=0.01), Declaration("friction_load", tie="all", nominal=0.05),
     Declaration("speed_limit", tie="all", nominal=3.0), Declaration("sensor_delay", ("position",), nominal=0.004),
     Declaration("clock", ("r",), nominal=-0.005), Declaration("start_position", ("r:elbow",)),
+    Declaration("joint_sensor_delay", ("wrist",), nominal=0.021),
 ]  # fmt: skip
 NAMES = {"recording": ("r",), "channel": ("position",)}
 

@@ -65,6 +65,7 @@ LINES = [
     Declaration("friction_creep", tie="all"), Declaration("armature"), Declaration("bias"), Declaration("offset"),
     Declaration("mass", ("lower",)), Declaration("com_x", ("lower",)), Declaration("inertia_d2", ("upper",)),
     Declaration("tilt_roll"), Declaration("sensor_delay", ("position",)), Declaration("clock", ("r",)),
+    Declaration("joint_sensor_delay", ("elbow",)),
     Declaration("speed_limit", nominal=4.0), Declaration("acceleration_limit", nominal=60.0),
     Declaration("lead", nominal=0.03),
 ]  # fmt: skip

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trueup.inspection.scattered import gathered
+from trueup.inspection.scattered import gathered, seen_apart
 from trueup.recording import Channel, Recording
 
 ARM, FINGER = np.arange(0.0, 2.0, 0.01), np.arange(0.004, 2.0, 0.033)
@@ -34,6 +34,7 @@ def test_a_gripper_of_its_own_topic_is_measured_where_it_was() -> None:
     assert run.channel("position_gripper").labels == ("palm",)
     assert run.channel("position_filtered").labels == ("hip",)
     assert "finger from position_gripper" in note
+    assert seen_apart([run]) == ("finger",)
 
 
 def test_in_between_it_is_filled_where_that_is_asked_for() -> None:
@@ -54,6 +55,7 @@ def test_joints_that_the_model_lacks_stay_where_they_are() -> None:
     (run,), notes = gathered([_log()], ["hip"])
     assert run.channel("position").labels == ("hip",)
     assert notes == []
+    assert seen_apart([run]) == ()
 
 
 def test_angles_that_are_labelled_as_a_joint_are_its_position_whatever_they_are_called() -> None:

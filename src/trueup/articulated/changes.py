@@ -21,6 +21,7 @@ SIGNALS: Mapping[str, str] = {
     "command": "what a joint's servo takes off its command, rad",
     "sensor": "what a joint's position sensor adds to the truth, rad",
     "sensor_delay": "how late a channel is measured, s",
+    "joint_sensor_delay": "how late a joint's own sensor tells of it, s",
     "clock": "how late a recording's commands are stamped, s",
     "start_position": "correction of 'recording:joint', rad",
     "start_velocity": "correction of 'recording:joint', rad/s",

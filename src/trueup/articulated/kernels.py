@@ -157,18 +157,18 @@ def read_off(
 
     history (n, m, k) holds steps first ... first + m - 1 of `rows` (n,) of b; `at` (b or 1, T) instants in steps,
     ascending; those in [first, last), and all later ones where the run `ends` here, are written to out (b, T, k), plus
-    `bias` (b, k).
+    `bias` (b, k). Instants before the run's begin are on the line through its first two steps.
     """
     held = history.shape[1]
     for n in range(history.shape[0]):
         i = rows[n]
         row = 0 if shared else i
-        begin = np.searchsorted(at[row], first)
+        begin = np.searchsorted(at[row], first) if first > 0 else 0
         for t in range(begin, out.shape[1]):
             x = at[row, t]
             if x >= last and not ends:
                 break
-            k = min(int(np.floor(x)) - first, held - 2)
+            k = max(min(int(np.floor(x)) - first, held - 2), 0)
             f = min(x - first - k, 1.0)
             for j in range(out.shape[2]):
                 a, b = history[n, k, j], history[n, k + 1, j]

@@ -12,7 +12,6 @@ from trueup.articulated.assignments import Assignment, laws, write
 from trueup.articulated.chance import Chances
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
-from trueup.articulated.kernels import read_off
 from trueup.articulated.model import Engine, Running, Stopping, taken
 from trueup.articulated.pose import ANGLES, ORIENTATION, near
 from trueup.articulated.sensing import read_noise
@@ -143,10 +142,8 @@ class Run:
             if turned:  # so that they can be interpolated
                 history = np.ascontiguousarray(np.unwrap(history, axis=1))
             channels[name] = np.full((len(history), len(observed.time), history.shape[2]), np.nan)
-            instants, rows = self._signals.instants(0, name, self._step), np.arange(len(history))
-            bias = self._signals.bias(0, name, history.shape[2])
-            shared = len(instants) == 1
-            read_off(history, rows, 0, history.shape[1] - 1, True, instants, shared, bias, channels[name])
+            span = (0, history.shape[1] - 1, True)
+            self._signals.read(0, name, history, np.arange(len(history)), span, self._step, channels[name])
             if turned:
                 channels[name] = self._nearest(channels[name])
             read_noise(self._trial, name, channels[name])

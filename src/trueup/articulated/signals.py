@@ -11,14 +11,17 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes
 from trueup.articulated.changes import NO_ACCELERATION_LIMIT, NO_SPEED_LIMIT
-from trueup.articulated.kernels import delayed_commands, limited_commands
+from trueup.articulated.kernels import delayed_commands, limited_commands, read_off
 from trueup.articulated.leading import paces
 from trueup.articulated.model import Model, servos
-from trueup.articulated.starts import at_rest, measured_start
+from trueup.articulated.starts import at_rest, gone_on, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
 from trueup.recording import Channel
 from trueup.samples import held_integral, in_force
 from trueup.trial import SETTLE, Trial
+
+_OF_JOINTS = ("position", "velocity")
+"""Channels of which joints may have sensors of their own."""
 
 
 class _Held(NamedTuple):
@@ -82,6 +85,10 @@ class Signals:
         for joint, value in self._changes.of("sensor").items():
             if measured is not None and joint in measured.labels:
                 position[:, self._joints.index(joint)] -= value
+        for joint, late in self._changes.of("joint_sensor_delay").items():
+            further = gone_on(self._trials[trial], joint, late)
+            for state, more in zip((position, velocity), further, strict=True):
+                state[:, self._joints.index(joint)] += more
         for kind, state in (("start_position", position), ("start_velocity", velocity)):
             for target, value in self._changes.of(kind).items():
                 recording, _, joint = target.partition(":")
@@ -200,14 +207,42 @@ class Signals:
         limited_commands(command, speed, acceleration, step, *self._profile[trial], out)
         return out
 
-    def instants(self, trial: int, channel: str, step: float) -> Array:
-        """(1 or b, T) when a channel is to be read off, in steps since the start, each sensor's delay taken off."""
+    def read(
+        self, trial: int, channel: str, history: Array, rows: Integers, span: tuple[int, int, bool], step: float, out: Array
+    ) -> None:  # fmt: skip
+        """Reads a stretch of simulated steps off at the instants of a channel into `out` (b, T, k): see `kernels.read_off`.
+
+        `history` (n, m, k) of `rows` (n,); `span` is the stretch's first step, the one that it ends before, and whether the
+        run ends there. Joints that have a sensor of their own are read off when that one saw them.
+        """
+        labels, bias = self._trials[trial].observed[channel].labels, self.bias(trial, channel, history.shape[2])
+        own = [j for j in self._changes.of("joint_sensor_delay") if channel in _OF_JOINTS and j in labels]
+        if not own:
+            at = self.instants(trial, channel, step)
+            read_off(history, rows, *span, at, len(at) == 1, bias, out)
+            return
+        rest = [j for j in labels if j not in own]
+        for together in ([rest] if rest else []) + [[j] for j in own]:
+            columns = [labels.index(j) for j in together]
+            at = self.instants(trial, channel, step, together[0])
+            part = np.ascontiguousarray(out[:, :, columns])
+            seen = np.ascontiguousarray(history[:, :, columns])
+            read_off(seen, rows, *span, at, len(at) == 1, np.ascontiguousarray(bias[:, columns]), part)
+            out[:, :, columns] = part
+
+    def instants(self, trial: int, channel: str, step: float, label: str = "") -> Array:
+        """(1 or b, T) when a channel is to be read off, in steps since the start, each sensor's delay taken off: that of a
+        joint's own too, where `label` names one.
+        """
         own = self._trials[trial]
         declared = sum(s.latency for s in own.sensing if s.channel == channel)
         at = (own.observed[channel].time - own.start - declared)[None] / step
         late = self._changes.of("sensor_delay").get(channel)
         if late is not None:
             at = at - late[:, None] / step
+        more = self._changes.of("joint_sensor_delay").get(label) if channel in _OF_JOINTS else None
+        if more is not None:  # what it tells of the time before the run: with the speed that the run begins with
+            return np.ascontiguousarray(at - more[:, None] / step)
         return np.ascontiguousarray(np.maximum(at, 0.0))
 
     def bias(self, trial: int, channel: str, width: int) -> Array:

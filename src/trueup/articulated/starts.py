@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import isfinite
 
 import numpy as np
@@ -12,6 +13,7 @@ from trueup.arrays import Array
 from trueup.articulated.model import BasePose, Model
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, RATES
 from trueup.instant import at_instant
+from trueup.recording import Channel
 from trueup.trial import Trial
 
 
@@ -30,6 +32,25 @@ def measured_base(trial: Trial) -> BasePose | None:
             state += trial.corrections[channel.name][:, [labels.index(n) for n in channel.labels]]
         states += list(state)
     return BasePose(*states)
+
+
+def gone_on(trial: Trial, joint: str, late: Array) -> tuple[Array, Array]:
+    """(b,), (b,) how much further a joint had come, and how much faster it was, where a trial begins, than its own sensor
+    tells that is `late` (b,) s: by what that one tells later.
+    """
+    position, velocity = (_of_one(trial.initial.get(name), joint) for name in ("position", "velocity"))
+    if position is None:
+        return np.zeros(len(late)), np.zeros(len(late))
+    every, again = np.unique(np.append(late, 0.0), return_inverse=True)
+    instants = [at_instant(position, velocity, trial.start + seconds) for seconds in every.tolist()]
+    states = np.array([(i.value[0], i.speed[0]) for i in instants])[again]
+    place, pace = np.nan_to_num(states[:-1] - states[-1]).T
+    return place, pace
+
+
+@lru_cache(maxsize=2**10)  # the same channel is not looked at again
+def _of_one(channel: Channel | None, joint: str) -> Channel | None:
+    return channel.select([joint]) if channel is not None and channel.unit and joint in channel.labels else None
 
 
 def at_rest(model: Model) -> tuple[Array, Array]:

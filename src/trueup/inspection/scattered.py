@@ -12,6 +12,8 @@ from trueup.recording import Channel, Recording, is_command
 from trueup.trial import COMMANDS
 
 _KINDS = ("position", "velocity", "torque", "current", *COMMANDS)
+APART = "seen by sensors of their own"
+"""Key of the provenance that names the joints whose positions were logged apart from the others', a line each."""
 _ALIKE = ({"rad", "m"}, {"rad/s", "m/s"}, {"N m", "N"}, {"A"})
 """Units that stand beside one another in a channel of hinges and slides."""
 
@@ -39,9 +41,17 @@ def gathered(
             if rest := [label for label in channel.labels if label not in more]:
                 recording = recording.with_channel(channel.select(rest))
             told[name] = list(dict.fromkeys([*told.get(name, []), *more]))
+            if kind == "position":
+                own = "\n".join(dict.fromkeys([*seen_apart([recording]), *more]))
+                recording = recording.replace(provenance={**recording.provenance, APART: own})
         changed.append(recording)
     said = "; ".join(f"{', '.join(names)} from {name}" for name, names in told.items())
     return changed, [f"joints that were logged apart from the others are read with these: {said}"] if told else []
+
+
+def seen_apart(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Joints whose positions were logged apart from the others', by whatever sensor and clock."""
+    return tuple(dict.fromkeys(j for r in recordings for j in r.provenance.get(APART, "").splitlines()))
 
 
 def _by_labels(channel: Channel, joints: Collection[str]) -> str:

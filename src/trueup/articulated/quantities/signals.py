@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from trueup.articulated.model import Model
 from trueup.articulated.quantities.quantity import Quantity, around, between
+from trueup.instant import REACH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,10 @@ SIGNALS = (
     Quantity(
         name="sensor_delay", family="channel", unit="s", title="delay of a measured channel", bounds=between(0.0, 0.1),
         signals=("sensor_delay",),
+    ),
+    Quantity(
+        name="joint_sensor_delay", family="joint", unit="s", title="delay of the joint's own sensor", bounds=around(REACH),
+        signals=("joint_sensor_delay",), shown_by="motion that a drive commands, seen by both sensors",
     ),
     Quantity(
         name="clock", family="recording", unit="s", title="how late the commands' time stamps are", bounds=around(0.1),

@@ -49,7 +49,7 @@ from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_t
 from trueup.engines.mujoco.setup.torques_given import torques_given
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
 from trueup.engines.mujoco.wiring import is_speed_servo
-from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
+from trueup.engines.mujoco.writing.notes import about_load, about_masses, about_sensors, usage_of
 from trueup.engines.mujoco.writing.parameter_files import write_parameter_files
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
@@ -240,7 +240,7 @@ class Articulated(Family):
         """See Family: smaller steps before a calibration, friction with load after it."""
         if calibration is None:
             return _about_step(simulator)
-        return (*about_load(simulator, calibration), *about_masses(simulator, calibration))
+        return tuple(n for about in (about_sensors, about_load, about_masses) for n in about(simulator, calibration))
 
 
 def _stiffness(model: Model) -> dict[str, float]:

@@ -13,7 +13,6 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.assignments import Assignment, acts_in_each_step, laws, write
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
-from trueup.articulated.kernels import read_off
 from trueup.articulated.pose import angles_of, near
 from trueup.articulated.sensing import read_noise, scatter
 from trueup.articulated.signals import Signals
@@ -246,13 +245,9 @@ class Run:
             for name, source in self.sources[k].items():
                 # Derived fields describe the state before each step: their history begins one step earlier.
                 first = at - 1 if source.derived else at
-                instants = self.signals.instants(k, name, self.simulator.step)
                 history = np.ascontiguousarray(source.read(joined[source.field][mine]))
-                read_off(
-                    history, own, first, first + count, ends, instants, len(instants) == 1,
-                    self.signals.bias(k, name, len(source.columns)),
-                    self.out[k][name],
-                )  # fmt: skip
+                span = (first, first + count, ends)
+                self.signals.read(k, name, history, own, span, self.simulator.step, self.out[k][name])
 
     def _blank(self) -> None:
         """Takes away what lies beyond the end of a row, and says where what is left is not finite."""

@@ -146,7 +146,7 @@ class LoneJoints:
         column, source = labels.index(label), source_of(self.whole.model, self.whole.compiled, name, (label,))
         if source is None:
             raise ModelError(f"channel '{name}' of '{signals.trial(k).name}' is no signal of '{self.name}'")
-        instants, bias = signals.instants(k, name, self.step), signals.bias(k, name, len(labels))
+        instants, bias = signals.instants(k, name, self.step, label), signals.bias(k, name, len(labels))
         shared = len(instants) == 1
         state = _STATES.index(source.field)
         states = history[:, :, state : state + 1] if shared else history[again][:, :, state : state + 1]

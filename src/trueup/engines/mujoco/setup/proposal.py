@@ -18,6 +18,7 @@ from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
+from trueup.inspection.scattered import seen_apart
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
 from trueup.samples import MOST
@@ -31,6 +32,8 @@ FED_FORWARD = "speed fed forward"
 """Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
+OWN_SENSOR = "delay of a sensor of its own"
+"""Of joints that were logged apart from the others."""
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing; torques that push one within 20 mrad tell its drive
@@ -61,7 +64,7 @@ def propose(
     several = _pulled(model, recordings)
     pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
     lines = [*([Declaration("kp", stiff)] if (stiff := (*servos, *pulling)) else []), *_of_pulling(model, pulling)]
-    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos})
+    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos}) + _of_sensors(joints, recordings)
     lines += [
         Declaration("friction", leaders),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
@@ -85,6 +88,12 @@ def propose(
     lines += [*of_the_base(model, recordings), *of_what_touches(model, recordings)]
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
+
+
+def _of_sensors(joints: Sequence[str], recordings: Sequence[Recording]) -> list[Declaration]:
+    """How late joints are seen that were logged apart from the others: a camera's images come late, and clocks differ."""
+    apart = tuple(j for j in joints if j in seen_apart(recordings))
+    return [Declaration("joint_sensor_delay", apart, optional=OWN_SENSOR)] if apart else []
 
 
 def _as_seen(model: Model, lines: Sequence[Declaration], seen: Mapping[str, Drive]) -> list[Declaration]:
