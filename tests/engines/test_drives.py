@@ -495,3 +495,31 @@ def test_what_slows_a_small_pendulum_is_found_below_what_any_gear_of_an_arm_has(
     found = ready.calibrate(options=QUICK)
     (damping,) = [e for e in found.estimates if e.name == "swing.damping"]
     assert damping.value == pytest.approx(2e-5, rel=0.3)
+
+
+def test_a_pendulum_that_nothing_drives_has_no_rotor_and_its_cart_is_not_bent_to_one(tmp_path: Path) -> None:
+    """Of 20 g on 12 cm, that swing on once the cart stands: a fiftieth of their inertia too much is a lap within the log."""
+    text = """<mujoco><option timestep=".002"/><worldbody><body>
+    <joint name="cart" type="slide" axis="1 0 0" damping="{slow}"/><geom size=".03" mass=".5"/><body>
+    <joint name="swing" axis="0 1 0" damping="{slack}" frictionloss="{slack}"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.12" size=".004" mass=".02"/>
+    </body></body></worldbody><actuator><position joint="cart" kp="{kp}" kv="{kv}"/></actuator></mujoco>"""
+    path = tmp_path / "cart.xml"
+    path.write_text(text.format(slow=0, slack=0, kp=200, kv=10))
+    model = mujoco.MjModel.from_xml_string(text.format(slow=1, slack=2e-5, kp=150, kv=12))
+    data, time, seen = mujoco.MjData(model), np.arange(0.0, 12.0, 0.01), []
+    waves = np.sin(2.0 * np.pi * np.array([0.4, 0.9, 1.3, 1.7, 1.9]) * time[:, None] + np.arange(5.0)).sum(axis=1)
+    told = 0.005 * np.minimum(time, 1.0) * waves * (time < 6.0)
+    for wanted in told:
+        seen.append(data.qpos.copy())
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 5)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(time), 2)) * [5e-5, 1e-3]
+    log = Recording("log", {
+        "command": Channel("command", ("cart",), "m", time, told[:, None]),
+        "position": Channel("position", ("cart", "swing"), "", time, np.array(seen) + noise, units=("m", "rad")),
+    })  # fmt: skip
+    found = {e.name: e for e in prepare(path, [log]).calibrate(options=QUICK).estimates}
+    assert found["cart.kp"].value == pytest.approx(150.0, rel=0.1)
+    assert found["swing.armature"].low == 0.0
+    assert found["swing.armature"].high < 1e-6  # of 9.8e-5 kg m2

@@ -15,6 +15,7 @@ from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base, of_what_touches
 from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
+from trueup.engines.mujoco.setup.rotors import of_rotors
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
@@ -69,7 +70,7 @@ def propose(
         Declaration("friction", leaders),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
         Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
-        Declaration("armature", leaders),
+        *of_rotors(model, leaders),
         Declaration("damping_quadratic", leaders, optional="quadratic damping"),
         *_of_springs(model, joints),
     ]
