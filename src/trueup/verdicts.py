@@ -11,6 +11,8 @@ from trueup.samples import MOST
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
 
+AT_BOUND = "at bound"
+"""The word for what ends at an end of its box."""
 ROUGH = frozenset(["weak", "not identified", "no effect"])
 """Words for what is known roughly or not at all, whatever its value."""
 
@@ -35,8 +37,8 @@ def judged(p: Parameter, unit: float, spread: float, value: float, low: float, h
     if unit < 2e-3 or unit > 1 - 2e-3:
         which = "lower" if unit < 0.5 else "upper"
         if (p.optional or p.vanishes) and unit < 0.5:
-            return Verdict("at bound", f"none is seen ({p.optional or p.name} at its {which} bound)")
-        return Verdict("at bound", f"it wants to go beyond its {which} bound: widen it, or something else is missing")
+            return Verdict(AT_BOUND, f"none is seen ({p.optional or p.name} at its {which} bound)")
+        return Verdict(AT_BOUND, f"it wants to go beyond its {which} bound: widen it, or something else is missing")
     size = max(abs(value), 1e-2 * (p.upper - p.lower))
     if (high - low) / 2 > 0.5 * size and spread > 0.02:
         return Verdict("weak", f"known to {100 * (high - low) / 2 / size:.0f} % only{advice(p)}")

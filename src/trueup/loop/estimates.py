@@ -22,6 +22,7 @@ from trueup.loop.ties import STEP, Considered
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.samples import MOST
+from trueup.verdicts import AT_BOUND
 
 
 def estimated(
@@ -34,13 +35,15 @@ def estimated(
 ) -> tuple[Estimate, ...]:
     """Of all parameters as `declared`, with a `covariance` (n_free, n_free) in the unit box."""
     low, high = intervals(found, covariance)
-    words = iter(zip(low, high, verdicts(found, covariance), strict=True))
+    words = iter(zip(low, high, verdicts(found, covariance), found.unit, strict=True))
     unseen, vague = (choices[0].freeze, choices[0].vague) if choices else ((), ())
     rows = []
     for p, start, value in zip(found.space.parameters, declared.nominal, found.values, strict=True):
-        lo, hi, verdict = (nan, nan, None) if p.frozen else next(words)
+        lo, hi, verdict, unit = (nan, nan, None, nan) if p.frozen else next(words)
         if verdict is not None and p.name not in unseen:
             word, note = verdict.word, verdict.note
+            if word == AT_BOUND:  # which it holds: a search ends a hair beside that
+                lo, hi = (p.lower, hi) if unit < HALVED else (lo, p.upper)
             if seen := limits.get(p.name):
                 if seen.word == "identified" and word in ("identified", "weak"):  # slopes know what jumps leave unsure
                     lo, hi = min(lo, seen.low), max(hi, seen.high)

@@ -67,8 +67,8 @@ class Missing:
         sizes += " (fitted before the latest recordings came)" if self.stands else ""
         return (
             f"the recordings are replayed better with {self.name}, which the model lacks: {sizes}. With it left-out errors "
-            f"are {100 * np.exp(-self.shown.gain):.0f} % of what they are. It may stand for something else that is wrong (a "
-            "mass, a parameter that is not declared); if not, declare it, from there, to have it in the model"
+            f"are {self.shown.in_words()}. It may stand for something else that is wrong (a mass, a parameter that is not "
+            "declared); if not, declare it, from there, to have it in the model"
         )
 
 
