@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
@@ -471,6 +472,20 @@ def test_positions_that_joints_follow_stay_positions_beside_motors(tmp_path: Pat
     assert ready.recordings[0].channel("command").unit == "rad"
 
 
+def _carted(model: mujoco.MjModel, time: Array, told: Array, noise: float) -> Recording:
+    """A cart that follows commands (T,) in m at 100 Hz, and the pendulum below it, which is seen with `noise` in mrad."""
+    data, seen = mujoco.MjData(model), []
+    for wanted in told:
+        seen.append(data.qpos.copy())
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 5)
+    noisy = np.array(seen) + noise * np.random.default_rng(0).normal(0.0, 1.0, (len(time), 2)) * [5e-5, 1e-3]
+    return Recording("log", {
+        "command": Channel("command", ("cart",), "m", time, told[:, None]),
+        "position": Channel("position", ("cart", "swing"), "", time, noisy, units=("m", "rad")),
+    })  # fmt: skip
+
+
 def test_what_slows_a_small_pendulum_is_found_below_what_any_gear_of_an_arm_has(tmp_path: Path) -> None:
     """20 g on 12 cm, whose bearing has a hundredth of the least friction of servos, swing out below a slide that moved."""
     text = """<mujoco><worldbody><body><joint name="cart" type="slide" axis="1 0 0"/><geom size=".03" mass=".5"/><body>
@@ -480,21 +495,10 @@ def test_what_slows_a_small_pendulum_is_found_below_what_any_gear_of_an_arm_has(
     path = tmp_path / "cart.xml"
     path.write_text(text.format(damping=0.0))
     model = mujoco.MjModel.from_xml_string(text.format(damping=2e-5))
-    data, time, seen = mujoco.MjData(model), np.arange(0.0, 8.0, 0.01), []
-    told = 0.01 * np.sin(8.0 * time) * (time < 3.0)
-    for wanted in told:
-        seen.append(data.qpos.copy())
-        data.ctrl[0] = wanted
-        mujoco.mj_step(model, data, 5)
-    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(time), 2)) * [2e-5, 5e-4]
-    log = Recording("log", {
-        "command": Channel("command", ("cart",), "m", time, told[:, None]),
-        "position": Channel("position", ("cart", "swing"), "", time, np.array(seen) + noise, units=("m", "rad")),
-    })  # fmt: skip
-    ready = prepare(path, [log])
-    found = ready.calibrate(
-        options=Options(cross_validate=False)
-    )  # slopes alone end where friction does damping's work
+    time = np.arange(0.0, 8.0, 0.01)
+    log = _carted(model, time, 0.01 * np.sin(8.0 * time) * (time < 3.0), 0.5)
+    # Slopes alone end where friction does damping's work.
+    found = prepare(path, [log]).calibrate(options=Options(cross_validate=False))
     (damping,) = [e for e in found.estimates if e.name == "swing.damping"]
     assert damping.value == pytest.approx(2e-5, rel=0.3)
 
@@ -509,18 +513,9 @@ def test_a_pendulum_that_nothing_drives_has_no_rotor_and_its_cart_is_not_bent_to
     path = tmp_path / "cart.xml"
     path.write_text(text.format(slow=0, slack=0, kp=200, kv=10))
     model = mujoco.MjModel.from_xml_string(text.format(slow=1, slack=2e-5, kp=150, kv=12))
-    data, time, seen = mujoco.MjData(model), np.arange(0.0, 12.0, 0.01), []
+    time = np.arange(0.0, 12.0, 0.01)
     waves = np.sin(2.0 * np.pi * np.array([0.4, 0.9, 1.3, 1.7, 1.9]) * time[:, None] + np.arange(5.0)).sum(axis=1)
-    told = 0.005 * np.minimum(time, 1.0) * waves * (time < 6.0)
-    for wanted in told:
-        seen.append(data.qpos.copy())
-        data.ctrl[0] = wanted
-        mujoco.mj_step(model, data, 5)
-    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(time), 2)) * [5e-5, 1e-3]
-    log = Recording("log", {
-        "command": Channel("command", ("cart",), "m", time, told[:, None]),
-        "position": Channel("position", ("cart", "swing"), "", time, np.array(seen) + noise, units=("m", "rad")),
-    })  # fmt: skip
+    log = _carted(model, time, 0.005 * np.minimum(time, 1.0) * waves * (time < 6.0), 1.0)
     found = {e.name: e for e in prepare(path, [log]).calibrate(options=QUICK).estimates}
     assert found["cart.kp"].value == pytest.approx(150.0, rel=0.1)
     assert found["swing.armature"].low == 0.0

@@ -9,7 +9,6 @@ from dataclasses import replace
 from trueup.inspection.released import LONG
 from trueup.loop.descent import Look
 from trueup.loop.disturbed import LeftOut, Seen, disturbed, seen_by
-from trueup.loop.problem import Problem
 from trueup.loop.shoot import LONGER
 from trueup.loop.stages import Run
 from trueup.loop.windows import in_windows
@@ -20,7 +19,7 @@ ANEW = "begun anew"
 def undisturbed(run: Run) -> None:
     """Whether something acted on the robot, as soon as all recordings were looked at."""
     if _all_looked_at(run):
-        run.disturbed = disturbed(*_seen(run, run.look.problem))
+        run.disturbed = disturbed(*_seen(run))
 
 
 def begun_anew(run: Run) -> None:
@@ -34,7 +33,7 @@ def begun_anew(run: Run) -> None:
     """
     if not _all_looked_at(run):
         return
-    every, anew = _seen(run, run.look.problem)
+    every, anew = _seen(run)
     if not disturbed(every).gaps or disturbed(every, anew).gaps:
         return
     descent, length, longest = replace(run.descent), LONG, max(t.duration for t in run.coarse.trials)
@@ -53,7 +52,7 @@ def _all_looked_at(run: Run) -> bool:
     return bool(run.looks) and run.look.problem.duration >= run.problem.duration
 
 
-def _seen(run: Run, problem: Problem) -> tuple[list[Seen], Callable[[], list[Seen]]]:
+def _seen(run: Run) -> tuple[list[Seen], Callable[[], list[Seen]]]:
     """How far joints are off where the search is, and a look at that in replays that begin anew every so often."""
-    values = run.descent.space.from_unit(run.descent.point)
+    problem, values = run.look.problem, run.descent.space.from_unit(run.descent.point)
     return seen_by(problem, values), lambda: seen_by(in_windows(problem, LONG), values)

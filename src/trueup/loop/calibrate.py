@@ -123,8 +123,8 @@ def calibrate(
         return replace(again, evaluations=problem.evaluations + again.evaluations, seconds=time.perf_counter() - began,
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
     if chosen.undisturbed and more.gaps:
-        shown = laid.replayed(found.values, more.of(judged))
-    warnings += doubtful_units((*recordings, *hold_out), shown)
+        shown = laid.replayed(found.values, judged := more.of(judged))
+    warnings += doubtful_units((*training, *judged), shown)
     told = (*warnings, *known.and_also(more).said(bool(chosen.undisturbed)), *changes(problem, found))
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
     crossed = _cross_validation(problem, found, shown, chosen)
@@ -185,8 +185,9 @@ class _Replayed:
 
 def _in_windows(options: Options, known: LeftOut, *, whole: bool) -> Options:
     """In windows of what is `known` to be how long replays last, or `whole`, unless options ask for others."""
-    longest = known.lasting if np.isfinite(known.lasting) and not whole else np.inf if whole else None
-    return options if options.windows is not None else replace(options, windows=longest)
+    if options.windows is not None or not (whole or np.isfinite(known.lasting)):
+        return options
+    return replace(options, windows=np.inf if whole else known.lasting)
 
 
 def _with_entering(options: Options, space: ParameterSpace) -> Options:

@@ -88,7 +88,7 @@ def doubtful_units(recordings: Sequence[Recording], replays: Sequence[Replay]) -
     for recording in recordings:
         command = command_of(recording)
         led = () if command is None or command.unit in ("N m", "N") else command.labels
-        own = [r for r in replays if r.recording.startswith(recording.name) and r.channel == "position"]
+        own = [r for r in replays if r.recording == recording.name and r.channel == "position"]
         followed = {label for r in own for label in _followed(r)} - {*led}
         for name in ("position", "command", "command_sent"):
             if recording.has(name):

@@ -81,18 +81,15 @@ class _Profile:
         return alike(self._problem, self._space, best, self._robust)
 
     def _seconds(self, point: Array) -> Array:
-        return np.array(
-            [self._free[k].lower + point[k] * (self._free[k].upper - self._free[k].lower) for k in self._own]
-        )
+        return self._space.from_unit(point)[self._space.free][self._own]
 
     def _at(self, seconds: float) -> float:
         """The loss with the delay held, from the nearest of the places where all else has settled already."""
         _, _, near = min(self._seen, key=lambda seen: abs(seen[0] - seconds))
         delays = {self._free[k].name: seconds for k in self._own}
-        space, point = self._space.freeze(delays, delays), near.copy()
-        point[self._own] = [
-            (seconds - self._free[k].lower) / (self._free[k].upper - self._free[k].lower) for k in self._own
-        ]
+        values = self._space.from_unit(near)
+        values[np.flatnonzero(self._space.free)[self._own]] = seconds
+        space, point = self._space.freeze(delays, delays), self._space.to_unit(values)
         others = np.setdiff1d(np.arange(len(point)), self._own)
         if len(others):
             point[others] = alike(self._problem, space, point[others], self._robust)

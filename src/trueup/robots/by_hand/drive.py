@@ -23,6 +23,7 @@ _MIRRORS = (
     ("x and y exchanged (their columns; heading sign = -1 and offset = -1.5708)", (1, 0), (1.0, 1.0)),
 )
 """How frames are mixed up that grow to the other side: in words, the columns and their signs."""
+_AWRY = 0.25 * np.pi  # rad: a vehicle that goes further off than that goes rather to a side than ahead
 _ASTRAY = 0.25  # median distance from the path, as a share of its extent
 
 
@@ -122,7 +123,7 @@ def _uncommanded(recording: Recording) -> list[str]:
     constant = {label for label in command.labels if float(np.ptp(_known(command.column(label)))) <= ROUNDED}
     still = [label for label in ("speed", "throttle") if label in constant and not _known(command.column(label)).any()]
     way = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))
-    still += ["steering"] if "steering" in constant and float(np.ptp(way)) > np.pi / 4 else []
+    still += ["steering"] if "steering" in constant and float(np.ptp(way)) > _AWRY else []
     if not still:
         return []
     values = " and ".join(f"{label} stays at {float(_known(command.column(label))[0]):.4g}" for label in still)
@@ -177,11 +178,11 @@ def _points(recording: Recording) -> list[str]:
     way = np.arctan2(*np.diff(ends, axis=0).T[::-1])
     shown = heading.at(0.5 * (legs[1:] + legs[:-1]))[:, 0]
     awry = _off(shown - way)
-    if awry <= np.pi / 4:  # nearer to ahead than to a side
+    if awry <= _AWRY:
         return []
     others = {"in degrees (unit)": np.radians(shown), "growing to the right (sign = -1)": -shown,
               "counted from north (sign = -1, offset = -1.5708)": np.pi / 2 - shown}  # fmt: skip
-    better = [words for words, angle in others.items() if _off(angle - way) < HALVED * np.pi / 4]
+    better = [words for words, angle in others.items() if _off(angle - way) < HALVED * _AWRY]
     mend = better[0] if better else "in degrees (unit), growing to the right (sign = -1) or from another zero (offset)"
     return [
         f"it does not go where its heading points ({awry:.2g} rad off in the median): is the heading {mend}? "
