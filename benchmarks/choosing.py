@@ -82,12 +82,12 @@ def main() -> None:
             np.sqrt(np.mean([r.error(simulator(r.scene, wide.names, "wider"), wide.nominal) ** 2 for r in judged]))
         )
         rows = [(raw, 0.0), *(error(names, of, fitted, judged) for names, of in
-                              ((fixed.names, "parameters"), (wide.names, "wider"), (choice.taken, "wider")))]  # fmt: skip
+                              ((fixed.names, "parameters"), (wide.names, "wider"), (choice.chosen, "wider")))]  # fmt: skip
         print(f"stand-in {number}: torso in motions left out: as it came {raw:.3f} rad; fixed {len(fixed)} {rows[1][0]:.3f}; "
-              f"all {len(wide)} {rows[2][0]:.3f}; chosen {len(choice.taken)} {rows[3][0]:.3f}; CPU s "
+              f"all {len(wide)} {rows[2][0]:.3f}; chosen {len(choice.chosen)} {rows[3][0]:.3f}; CPU s "
               f"{', '.join(f'{s:.1f}' for _, s in rows[1:])}", flush=True)  # fmt: skip
         errors.append([e for e, _ in rows])
-        counts.append(len(choice.taken))
+        counts.append(len(choice.chosen))
     mean = np.exp(np.log(errors).mean(axis=0))
     result("chosen_torso_error", mean[3], "rad", 1.0, peer="the paper's fixed 30", peer_value=mean[1], ratio_goal=True)
     result("chosen_against_all", mean[3], "rad", 1.0, peer="all of wider.toml", peer_value=mean[2], ratio_goal=True)

@@ -67,7 +67,7 @@ def played(
         now, _, what, worker, chunk = heapq.heappop(events)
         if what == "done" and chunk is not None:
             client, client_busy = max(client, now) + measured.send / 2, client_busy + measured.send / 2
-            chunks.done(chunk)
+            chunks.settle(chunk)
         if what == "lost" and chunk is not None:
             lost += 1
             chunks.lost(chunk, "lost")

@@ -98,7 +98,7 @@ def feasible(seeds: int) -> float:
         spent = time.process_time() - cpu
         longest = max(longest, float("inf") if left else spent)
         print(
-            f"{seed:4d} {seconds:7.1f} {spent:7.1f} {-found.found.loss:17.1f} "
+            f"{seed:4d} {seconds:7.1f} {spent:7.1f} {-found.excitation.loss:17.1f} "
             f"{100 * found.clearance:13.1f}  {'; '.join(str(p) for p in left) or 'none'}", flush=True,
         )  # fmt: skip
     return longest if np.isfinite(longest) else float("inf")

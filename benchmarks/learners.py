@@ -50,7 +50,7 @@ def so101(quick: bool = False) -> list[Recording]:
 
 def nao(quick: bool = False) -> list[Recording]:
     """A stand-in for a worn NAO: 16 walks around its start walk, 10 s each, or 6 of 5 s, joints of the legs."""
-    robot, rng = StandInNao(Truth.drawn(np.random.default_rng(0)), threads=1), np.random.default_rng(1)
+    robot, rng = StandInNao(Truth.random(np.random.default_rng(0)), threads=1), np.random.default_rng(1)
     runs = walked(robot, rng, *((6, 5.0) if quick else (16, 10.0)), "learn").recordings
     return [r.replace(channels={n: r.channel(n).select(scenes.MOTORS) for n in ("command", "position")}) for r in runs]
 
@@ -113,7 +113,7 @@ def main() -> None:
 def report(robot: str, learned: Learned) -> None:
     """The error of what is taken by default over that of a line with the same inputs, and over holding: per run left out."""
     found = learned.comparison
-    best, line = learned.taken, found.by_run["linear"]
+    best, line = learned.score, found.by_run["linear"]
     beside = evidence(line.by_fold, best.by_fold)
     held = evidence(found.held.by_fold, best.by_fold)
     print(f"{robot}: error of {best.name} over linear exp({-beside.gain:.2f} +- {beside.standard_error:.2f})")

@@ -105,8 +105,8 @@ def all_ways(number: int) -> Outcome:
     gains = {
         "no": tuned_in(shipped, shipped.parameters.nominal, number),
         "random": tuned_in(simulator, prior, number),
-        "paper": np.array([*paper.tuning.found, 0.0]),
-        "once": tuned_in(shipped, paper.calibration.found, number),
+        "paper": np.array([*paper.tuning.best, 0.0]),
+        "once": tuned_in(shipped, paper.calibration.best, number),
         "first": np.array(list(best_after(story, 1).values())),
         "rounds": np.array(list(story.best[0].values())),
     }

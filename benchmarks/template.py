@@ -73,7 +73,7 @@ class Outcome:
 
 def strange(number: int) -> StandInVehicle:
     """Robot `number` of STRANGE."""
-    truth = dataclasses.replace(VehicleTruth.drawn(100 + number), **STRANGE[number][1])
+    truth = dataclasses.replace(VehicleTruth.of_seed(100 + number), **STRANGE[number][1])
     return StandInVehicle(truth, chasi.SETTINGS, seed=number)
 
 

@@ -241,7 +241,7 @@ def main() -> None:
 def of_robot(seed: int, *, quick: bool) -> dict[str, Held]:
     """Each way on the held-out walks of one stand-in; prints its table."""
     rng, begun = np.random.default_rng(seed), time.process_time()
-    robot = StandInNao(Truth.drawn(rng), seed=seed, threads=1)
+    robot = StandInNao(Truth.random(rng), seed=seed, threads=1)
     train, held, seconds = (6, 24, 5.0) if quick else (20, 40, 10.0)
     learning, fresh = walked(robot, rng, train, seconds, "learn"), walked(robot, rng, held, seconds, "fresh")
     falls = [sum("ended" in r.provenance for r in w.recordings) for w in (learning, fresh)]

@@ -36,8 +36,8 @@ from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.recording import Recording
 from trueup.tasks.task import as_rollout, robot_tally, robot_trials
 from trueup.tasks.walking import LineWalk, fell
-from trueup.told import Told
 from trueup.trial import Trial
+from trueup.watched_run import WatchedRun
 
 PLAN = templates()["walk"] / "campaign.toml"
 FILE = PLAN.with_name("biped.xml")
@@ -83,7 +83,7 @@ class Hidden:
         return [seen(self._task, trial, log, rng).recording(trial) if self.watched else log for log in logs]
 
 
-def seen(task: LineWalk, trial: Trial, log: Recording, rng: np.random.Generator) -> Told:
+def seen(task: LineWalk, trial: Trial, log: Recording, rng: np.random.Generator) -> WatchedRun:
     """What people tell of a run: times taken by hand, and to which side it lay."""
     rollout = as_rollout(trial, [log])
     lasted = task.line / np.array(task.speeds(rollout)[0])
@@ -92,7 +92,7 @@ def seen(task: LineWalk, trial: Trial, log: Recording, rng: np.random.Generator)
     roll, pitch = log.channel("base_orientation").values[-1, :2]
     side = ("forward" if pitch > 0.0 else "backward") if abs(pitch) > abs(roll) else ("right" if roll > 0.0 else "left")
     veered = not over and not down and bool(rollout.ends)
-    return Told(
+    return WatchedRun(
         tuple(times.tolist()), fell=side * (down and not over), veered=veered, late=not (over or down or veered)
     )
 

@@ -46,9 +46,9 @@ class Parameter:
     no more than a place from which it is searched."""
     vanishes: bool = False
     """Whether its lower bound is as good as none of it: a delay of 0 s, friction of a model that has none."""
-    asked: bool = True
+    requested: bool = True
     """False where it is frozen since nobody asked for it: its nominal value is what the model has, and may be wrong."""
-    told: bool = True
+    identifiable: bool = True
     """False where no motion of the robot tells it from others, whatever slopes say: of a joint that follows another one, to
     which a simulator's soft constraint holds it with a play that the robot does not have."""
 

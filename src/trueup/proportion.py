@@ -65,9 +65,9 @@ class Proportion:
                 logs, more = ([mean], half) if drive is None else ([mean, np.log(drive.value)], _half(drive))
                 e = either(e, np.exp(-np.array(logs)), more, self.bodies)
             told.append(e)
-        return tuple(told), (self._said(estimates),) if abs(mean) > half else ()
+        return tuple(told), (self._sentence(estimates),) if abs(mean) > half else ()
 
-    def _said(self, estimates: Sequence[Estimate]) -> str:
+    def _sentence(self, estimates: Sequence[Estimate]) -> str:
         found = [e.value for e in estimates if e.name in self.factors]
         low, high, times = min(found), max(found), float(np.exp(-np.mean(np.log(found))))
         return (

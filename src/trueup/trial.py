@@ -151,7 +151,7 @@ class End(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """That a run ahead can be judged by eyes and a stop watch, and what these are to look at (`told.Told`)."""
+    """That a run ahead can be judged by eyes and a stop watch, and what these are to look at (`watched_run.WatchedRun`)."""
 
     lines: tuple[float, ...] = ()
     """m ahead of the start, where the time is taken; () where how far it comes in the trial's duration is measured."""

@@ -32,7 +32,7 @@ class Foretold(Chooser):
         return model((size * np.linspace(0.9, 1.1, 8)).tolist(), structures)
 
     def promise(self, model: Model, structure: Structure) -> Found:
-        return self.plain((*model.structures, structure.name)).found
+        return self.plain((*model.structures, structure.name)).optimum
 
     def with_structure(self, model: Model, structure: Structure, promised: Found) -> Model:
         return self.plain((*model.structures, structure.name))
@@ -41,7 +41,7 @@ class Foretold(Chooser):
         return self.plain(tuple(s for s in model.structures if s != name))
 
     def _from(self, model: Model, names: tuple[str, ...], iterations: int = 30) -> Found:
-        return self.plain(names).found
+        return self.plain(names).optimum
 
     def _best(self, names: tuple[str, ...], fits: Sequence[Found]) -> Model:
         return self.plain(names)
@@ -50,7 +50,7 @@ class Foretold(Chooser):
 def test_structures_that_help_only_together_are_found() -> None:
     best, asked = choose(Foretold(), list(BY_NAME), lambda *_: None)
     assert set(best.structures) == {LOAD, "profile speed", "voltage limit"}
-    assert {a.name for a in asked if a.kept} == set(best.structures)
+    assert {a.name for a in asked if a.accepted} == set(best.structures)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from trueup.campaign.kinds import TASKS
-from trueup.campaign.making import made
+from trueup.campaign.making import instance
 from trueup.campaign.motions import transition
 from trueup.campaign.plan import templates
 from trueup.engines.mujoco.model import load
@@ -56,7 +56,7 @@ def test_poses_degrees_and_start_come_from_the_file() -> None:
 
 def test_a_plan_can_name_it() -> None:
     component = Component("transition", {"start": "sit", "goal": "stand", "between": 2}, "plan.toml, [task]")
-    task = made(component, "task", TASKS, {"simulator": MujocoSimulator(load(SMALL), step=0.004)}, SMALL.parent)
+    task = instance(component, "task", TASKS, {"simulator": MujocoSimulator(load(SMALL), step=0.004)}, SMALL.parent)
     assert isinstance(task, Transition)
     assert len(task.motion.seeds) == 2
     hips = task.motion.seeds[:, 1]

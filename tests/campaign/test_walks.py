@@ -11,7 +11,7 @@ import pytest
 
 import trueup
 from trueup.campaign.kinds import TASKS
-from trueup.campaign.making import made
+from trueup.campaign.making import instance
 from trueup.campaign.plan import Component
 from trueup.chance import Buffeting
 from trueup.controllers.walk_engine.engine import sized
@@ -68,7 +68,7 @@ def test_a_start_value_that_no_walk_has_is_refused(name: str, value: float, says
 def test_a_plan_names_the_walk_and_its_course() -> None:
     options = {"left": list(LEFT), "right": list(RIGHT), "course": "around", "quiet": True, "nominal": {"knee": 0.9}}
     component = Component("walk", options, "plan.toml, [task]")
-    task = made(component, "task", TASKS, {"simulator": simulator()}, NAO.parent)
+    task = instance(component, "task", TASKS, {"simulator": simulator()}, NAO.parent)
     assert isinstance(task, OmniWalk)
     assert not task.disturbances
     assert task.parameters["knee"].nominal == 0.9

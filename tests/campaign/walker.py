@@ -12,8 +12,8 @@ from trueup.ends import Ended, with_end
 from trueup.errors import RobotFellError
 from trueup.recording import Channel, Recording
 from trueup.tasks.paces import features
-from trueup.told import Told
 from trueup.trial import Trial
+from trueup.watched_run import WatchedRun
 
 _RISKS = np.array([[-4.0, 10.0, -1.2, 0.0, 0.0], [-4.0, 10.0, 1.2, 0.0, 0.0]])
 
@@ -43,7 +43,7 @@ class Walker:
             raise RobotFellError("it lies")
         far = 2.38 if fate == 2 else 1.0
         if self._watched:
-            told = Told((far / speed,)) if fate == 2 else Told(fell=("forward", "backward")[fate])
+            told = WatchedRun((far / speed,)) if fate == 2 else WatchedRun(fell=("forward", "backward")[fate])
             return told.recording(trial)
         time = np.linspace(0.0, far / speed, 60)
         place = np.stack([speed * time * 1.0001, 0.0 * time, 0.0 * time + 0.36], axis=1)

@@ -86,7 +86,7 @@ def test_a_drive_shows_slow_tyres_and_foretells_gains_that_a_rolling_bicycle_mis
     """The robot's hidden truth relaxes and saturates in its own way; a robot on stiff tyres is told none."""
     task = FollowPath([hairpin((0.9,))], StanleySettings(), names=chasi.TUNED)
     slow = dataclasses.replace(
-        VehicleTruth.drawn(301), relaxation=0.35, front_stiffness=600.0, rear_stiffness=600.0, drift=0.002
+        VehicleTruth.of_seed(301), relaxation=0.35, front_stiffness=600.0, rear_stiffness=600.0, drift=0.002
     )
     tried = np.array([[2.0, 2.0, 2.0, 0.2], [1.0, 1.0, 1.0, 0.3]])
     bare = tuple(n for n in chasi.DRIVES if n not in ("rear_slip", "relaxation"))

@@ -25,7 +25,7 @@ def test_every_row_is_settled_whatever_is_lost_on_the_way(seed: int) -> None:
             chunks.lost(chunk, "by chance")
         else:
             seen += range(chunk.start, chunk.stop)
-            chunks.done(chunk)
+            chunks.settle(chunk)
     assert sorted(seen) == list(range(rows))
     assert chunks.settled
     assert chunks.scored == rows
@@ -39,7 +39,7 @@ def test_a_row_that_kills_its_workers_is_given_up_after_five_of_them_and_the_oth
             killed += 1
             chunks.lost(chunk, "it died")
         else:
-            chunks.done(chunk)
+            chunks.settle(chunk)
     assert killed <= 5
     assert chunks.given_up == {rows // 2: "it died"}
     assert chunks.scored == rows - 1

@@ -192,7 +192,7 @@ def test_a_client_that_closes_between_its_status_and_a_question_is_a_scheduler_t
         raise RuntimeError("ConnectionPool is closed")
 
     with pytest.raises(EvaluationError, match=r"scheduler of the cluster 'local:2' does not answer"):
-        cluster._roster.asked(ask)
+        cluster._roster.answer(ask)
 
 
 @contextlib.contextmanager

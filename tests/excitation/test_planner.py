@@ -73,7 +73,9 @@ def test_inverse_kinematics_inverts_the_forward_kinematics(rng: np.random.Genera
             if kinematics.gain(q) < 0.05:
                 continue
             R, p = chain.poses(q)
-            found, ended = kinematics.solve(R, p, q + rng.uniform(-0.05, 0.05, joints), q[kinematics.equations.own])
+            found, ended = kinematics.solve(
+                R, p, q + rng.uniform(-0.05, 0.05, joints), q[kinematics.equations.prescribed]
+            )
             assert ended == REACHED
             assert np.abs(found - q).max() < 1e-7
 

@@ -42,7 +42,7 @@ def test_an_input_far_outside_of_a_narrow_range_is_named_before_one_a_little_out
     rows = rows_of([run], inputs_of([run]))
     domain = domain_of(rows)
     x = np.array(rows.X[0])
-    x[rows.inputs.asked] = [1.9, 0.5]  # 0.9 of its range beyond it; 2 of its range beyond it
+    x[rows.inputs.command_columns] = [1.9, 0.5]  # 0.9 of its range beyond it; 2 of its range beyond it
     (block,) = range(len(domain.blocks))
     told = domain.reason(x, block, 40)
     assert "farthest is command.tilt = 0.5, learned from -0.1 to 0.1" in told
@@ -55,5 +55,5 @@ def test_inputs_that_are_strange_only_together_are_said_to_be() -> None:
     run = Recording("run", {n: Channel(n, ("pan", "tilt"), "rad", t, both) for n in ("command", "position")})
     rows = rows_of([run], inputs_of([run]))
     x = np.array(rows.X[0])
-    x[rows.inputs.asked] = [0.5, -0.5]
+    x[rows.inputs.command_columns] = [0.5, -0.5]
     assert "each input is within its range, and together they are strange" in domain_of(rows).reason(x, 0, 9)

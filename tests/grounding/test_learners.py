@@ -80,7 +80,7 @@ def test_legs_that_move_alike_teach_nothing_of_the_last_digits_of_their_commands
     rows = rows_of(made, inputs_of(made))
     model = fitted(LEARNERS[name], rows, rng)
     X = np.array(rows.X)
-    X[:, rows.inputs.asked] += np.array([2e-4, 0.0])  # what no servo tells apart
+    X[:, rows.inputs.command_columns] += np.array([2e-4, 0.0])  # what no servo tells apart
     assert np.abs(model.predict(X) - model.predict(rows.X)).max() < 2e-3
 
 

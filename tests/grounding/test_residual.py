@@ -92,7 +92,7 @@ def test_a_response_is_recovered_and_answers_an_error_that_it_explains(rng: np.r
     noise = [rng.standard_normal((200, 1)) for _ in range(2)]
     moved = [np.convolve(n[:, 0], np.concatenate([[0.0], pulse[:, 0]]))[:200, None] for n in noise]
     zero = [np.zeros((200, 1))] * 2
-    found = Response.seen(noise, zero, moved, 6)
+    found = Response.estimated(noise, zero, moved, 6)
     assert np.allclose(found.pulse[:4], pulse, atol=1e-9)
     wanted = np.cumsum(0.1 * rng.standard_normal((200, 1)), axis=0)
     error = np.convolve(wanted[:, 0], np.concatenate([[0.0], pulse[:, 0]]))[:200, None]

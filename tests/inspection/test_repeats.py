@@ -43,9 +43,9 @@ def test_repeats_that_disagree_are_averaged_until_they_part_and_the_spread_is_sa
     assert found.parted is not None
     assert 1.2 < found.parted < 1.5
     assert found.average.stop <= found.parted + 1e-9
-    assert "they disagree from" in found.said
+    assert "they disagree from" in found.summary
     assert "they disagree from" in found.average.provenance["warnings"]
-    assert "base_orientation 0.0" in found.said
+    assert "base_orientation 0.0" in found.summary
 
 
 def test_an_end_that_all_runs_had_is_the_end_of_their_average() -> None:

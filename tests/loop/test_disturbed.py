@@ -19,7 +19,7 @@ from trueup.loop.anew import begun_anew, undisturbed
 from trueup.loop.calibrate import Options
 from trueup.loop.checks import doubtful_units
 from trueup.loop.descent import Descent, Watch, last_look
-from trueup.loop.disturbed import LeftOut, Seen, disturbed
+from trueup.loop.disturbed import Deviation, LeftOut, disturbed
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
@@ -92,10 +92,10 @@ def test_what_acted_stays_where_that_is_refused(tmp_path: Path) -> None:
     assert [r.recording for r in found.replays] == ["fitted"]
 
 
-def _seen(off: Array, told: Array, name: str = "run") -> Seen:
+def _seen(off: Array, told: Array, name: str = "run") -> Deviation:
     command = Channel("command", ("a",), "rad", TIME, told[:, None])
     both = Recording(name, {"command": command, "position": command.replace(name="position")})
-    return Seen(both, ("a",), TIME,
+    return Deviation(both, ("a",), TIME,
                 off[:, None], np.full(1, 1e-3))  # fmt: skip
 
 
@@ -156,8 +156,8 @@ def test_of_drives_that_are_named_otherwise_than_their_joints_more_than_elsewher
     command = Channel("command", ("motor",), "rad", TIME, told[:, None])
     position = Channel("position", ("a",), "rad", TIME, told[:, None])
     run = Recording("run", {"command": command, "position": position})
-    assert not disturbed([Seen(run, ("a",), TIME, (NOISE + _burst(5.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
-    assert disturbed([Seen(run, ("a",), TIME, (NOISE + _burst(9.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
+    assert not disturbed([Deviation(run, ("a",), TIME, (NOISE + _burst(5.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
+    assert disturbed([Deviation(run, ("a",), TIME, (NOISE + _burst(9.0, 60.0))[:, None], np.full(1, 1e-3))]).gaps
 
 
 _POLE = """<mujoco><option timestep="0.002"/><worldbody><body name="pole"><joint name="a" axis="0 1 0" damping="{damping}"/>

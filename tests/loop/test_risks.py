@@ -25,7 +25,7 @@ def test_competing_risks_are_told_apart_and_their_doubt_holds_the_truth() -> Non
         inside.append(np.abs(risks.coefficients - truth) < 1.96 * deviation)
     assert 0.9 < np.mean(inside) < 0.99
     assert risks is not None
-    drawn = risks.drawn(x, 500, rng).mean(axis=0)
+    drawn = risks.sample_shares(x, 500, rng).mean(axis=0)
     assert drawn == pytest.approx(risks.shares(x), abs=0.02)
 
 
@@ -37,7 +37,7 @@ def test_what_a_run_would_tell_is_most_where_it_is_not_known() -> None:
     at_known, at_other = risks.learned(about, about, once)
     assert at_other > 10.0 * at_known > 0.0
     narrow = Risks.of(x, np.full((40, 2), 1.0), np.full(40, 4.0), Prior(np.zeros((2, 3)), np.full((2, 3), 0.2)))
-    doubt = narrow.drawn(other, 20000, np.random.default_rng(0)).sum(axis=2).var()
+    doubt = narrow.sample_shares(other, 20000, np.random.default_rng(0)).sum(axis=2).var()
     assert narrow.learned(other, other, np.ones(1), runs=1e6)[0] == pytest.approx(doubt, rel=0.1)  # all there is
 
 

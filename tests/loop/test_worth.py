@@ -56,22 +56,22 @@ def problems(rng: np.random.Generator) -> tuple[Any, Any]:
 def test_what_matters_and_can_be_told_is_taken_and_the_rest_is_left_for_a_reason() -> None:
     seen, wanted = problems(np.random.default_rng(0))
     choice = worth_calibrating([seen], SPACE, [wanted], rng=np.random.default_rng(2))
-    assert sorted(choice.taken) in (["a", "c"], ["b", "c"])
+    assert sorted(choice.chosen) in (["a", "c"], ["b", "c"])
     why = {w.name: w.why for w in choice.rows}
-    other = "b" if "a" in choice.taken else "a"
-    assert "done by those taken, most of all by " + choice.taken[0] in why[other]
+    other = "b" if "a" in choice.chosen else "a"
+    assert "done by those taken, most of all by " + choice.chosen[0] in why[other]
     assert "hardly depends" in why["d"]
     assert "leave it open" in why["e"]
     assert "hardly depends" in why["f"]
     assert choice.notes[0].startswith("2 of 6 parameters are worth calibrating")
-    assert [p.name for p in choice.of(SPACE).parameters if not p.frozen] == sorted(choice.taken)
+    assert [p.name for p in choice.of(SPACE).parameters if not p.frozen] == sorted(choice.chosen)
 
 
 def test_the_expected_error_is_the_one_that_fits_to_noisy_recordings_have() -> None:
     rng = np.random.default_rng(1)
     seen, wanted = problems(rng)
     choice = worth_calibrating([seen], SPACE, [wanted], rng=np.random.default_rng(2))
-    s = [SPACE.index(n) for n in choice.taken]
+    s = [SPACE.index(n) for n in choice.chosen]
     truth, x = rng.uniform(-0.5, 0.5, (4000, 6)), seen.x[:, s]  # anywhere in the range: of a variance of 1 / 12
     measured = truth @ seen.x.T + rng.standard_normal((4000, SAMPLES))  # 50 independent samples of noise 1
     found = np.zeros_like(truth)
@@ -108,7 +108,7 @@ def test_of_two_dampings_that_do_the_same_one_is_calibrated(tmp_path: Path) -> N
     made = made.with_channel(made.channel("position").replace(values=noisy))
     ready, choice = prepare(tmp_path / "cart.xml", [made], parameters=tmp_path / "wide.toml").worthwhile()
     free = {p.name for p in ready.simulator.parameters.parameters if not p.frozen}
-    assert free == set(choice.taken)
+    assert free == set(choice.chosen)
     assert len(free) == 2
     assert any(name.endswith("kp") for name in free)
     space = ready.simulator.parameters

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from trueup.campaign.kinds import ROBOTS
-from trueup.campaign.making import made
+from trueup.campaign.making import instance
 from trueup.controllers.controller import Observation
 from trueup.ends import Left, ended
 from trueup.errors import ParameterError, RobotFellError, TrialError, UnknownNameError
@@ -417,7 +417,7 @@ def test_the_page_says_how_a_plan_names_it() -> None:
     (plan,) = re.findall(r"```toml\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
     said = tomllib.loads(plan)["robot"]
     component = Component(said.pop("type"), said, "campaign.toml, [robot]")
-    robot = made(component, "robot", ROBOTS, {"task": Reach(), "simulator": None}, page.parent)
+    robot = instance(component, "robot", ROBOTS, {"task": Reach(), "simulator": None}, page.parent)
     assert isinstance(robot, RcssRobot)
     ankle = next(j for j in robot._body.joints if j.name == "Left_Ankle_Pitch")
     assert ankle.kp == 250.0

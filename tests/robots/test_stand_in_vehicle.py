@@ -46,9 +46,9 @@ def test_it_understeers_when_the_front_tyres_are_softer() -> None:
 
 
 def test_each_seed_is_a_robot_of_its_own() -> None:
-    rows = np.array([VehicleTruth.drawn(s).row for s in range(20)])
+    rows = np.array([VehicleTruth.of_seed(s).row for s in range(20)])
     assert len(np.unique(rows[:, 8])) == 20
-    assert VehicleTruth.drawn(3) == VehicleTruth.drawn(3)
+    assert VehicleTruth.of_seed(3) == VehicleTruth.of_seed(3)
 
 
 def test_it_follows_a_path_with_the_gains_of_the_trial() -> None:
@@ -63,10 +63,10 @@ def test_noise_is_what_the_truth_says() -> None:
     robot = StandInVehicle(dataclasses.replace(QUIET, position_noise=0.008, heading_noise=0.003))
     task = FollowPath([hairpin((0.6,))])
     drive = robot.drive(task.trials[0], np.ones((2, 3)))
-    apart = drive.seen - drive.truth
+    apart = drive.measured - drive.truth
     assert apart[:, :, 0].std() == pytest.approx(0.008, rel=0.05)
     assert apart[:, :, 2].std() == pytest.approx(0.003, rel=0.05)
-    assert not np.array_equal(drive.seen[0], drive.seen[1])
+    assert not np.array_equal(drive.measured[0], drive.measured[1])
 
 
 def test_a_run_that_is_stopped_leaves_no_recording_and_says_so() -> None:

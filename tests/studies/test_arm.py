@@ -106,7 +106,7 @@ def test_our_fit_predicts_other_motions_better_and_finds_the_coupled_wrist(
         errors.append(np.mean([np.abs(r.torque - fit.predict(one, r)).mean(axis=0) for one, r in wrong], axis=0))
     assert (errors[1][3:] < 0.5 * errors[0][3:]).all()  # the wrist, where drives are coupled
     assert (errors[1] < 0.02 * NOMINAL).all()
-    np.testing.assert_allclose(ours.found.drives[[4, 5, 5], [3, 4, 3]], (0.3, 0.8, 0.1), atol=0.06)
+    np.testing.assert_allclose(ours.model.drives[[4, 5, 5], [3, 4, 3]], (0.3, 0.8, 0.1), atol=0.06)
 
 
 def test_a_short_motion_that_is_repeated_is_one_recording_and_others_are_their_own(training: list[Run]) -> None:

@@ -54,7 +54,7 @@ def test_the_papers_way_makes_the_simulator_like_the_robot_and_the_robot_better(
     for reading in ("joint", "separate", "accumulated", "mean"):
         before, after = study.tracking(reading)
         assert 0.0 < after < before
-    delay = study.calibration.found[BETAS.index("steering_delay")]
+    delay = study.calibration.best[BETAS.index("steering_delay")]
     truth = chasi.robot(1).truth
     assert delay == pytest.approx(truth.steering_delay + truth.steering_lag + truth.latency, abs=0.12)
 
@@ -87,7 +87,7 @@ def test_the_loop_in_rounds_never_makes_the_robot_worse_and_here_halves_its_erro
 def test_warping_hides_what_only_time_can_tell(drive: Recording, study: PaperStudy) -> None:
     simulator = chasi.simulator(BETAS, 0.0, 0.0)
     rows = profiles(
-        chasi.task(gains=("k1", "k2", "k3")), simulator, study.calibration.found, np.ones(3), drive, points=11
+        chasi.task(gains=("k1", "k2", "k3")), simulator, study.calibration.best, np.ones(3), drive, points=11
     )
     seen = {p.name: p.open_share for p in rows}
     assert seen["speed_delay"][0] > 0.3 > seen["speed_delay"][1]
@@ -97,7 +97,7 @@ def test_warping_hides_what_only_time_can_tell(drive: Recording, study: PaperStu
 def test_localisation_noise_is_found_where_it_counts(drive: Recording) -> None:
     truth = chasi.robot(1).truth
     names = ("steering_delay", "position_noise", "heading_noise")
-    found = dict(zip(names, calibrate_betas(drive, names, trials=60).found, strict=True))
+    found = dict(zip(names, calibrate_betas(drive, names, trials=60).best, strict=True))
     assert found["position_noise"] == pytest.approx(truth.position_noise, rel=0.6)
     assert found["heading_noise"] == pytest.approx(truth.heading_noise, rel=0.6)
 

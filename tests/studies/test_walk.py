@@ -30,7 +30,7 @@ def ahead(recording: Recording) -> float:
 
 
 def truth(seed: int) -> Truth:
-    return Truth.drawn(np.random.default_rng([seed, 2012]))
+    return Truth.random(np.random.default_rng([seed, 2012]))
 
 
 def test_the_nao_weighs_and_stands_as_published() -> None:

@@ -46,7 +46,7 @@ class Asked:
         return self.evidence.holds or (self.evidence.gain > spread and self.least > -spread)
 
     @property
-    def kept(self) -> bool:
+    def accepted(self) -> bool:
         """Whether it stays: left-out data want it, or, of what is expected of any servo, do not speak against it."""
         return self.wanted if self.name != LOAD else self.evidence.gain > 0.0
 
@@ -56,7 +56,7 @@ class Model:
     """A servo with some structures."""
 
     structures: tuple[str, ...]
-    found: Found
+    optimum: Found
     left_out: Sequence[Mapping[str, float]]
     """Values of fits that never saw one block each."""
     errors: Array
@@ -109,7 +109,7 @@ class Chooser:
             return []
         quick = 4  # iterations: they need not be near its end to be put in order
         fits = [self._from(model, tuple(t for t in model.structures if t != s), quick) for s in may]
-        losses = self.problem.losses([f.values for f in fits], model.found.bend)
+        losses = self.problem.losses([f.values for f in fits], model.optimum.bend)
         return [may[k] for k in np.argsort(losses)]
 
     def _from(self, model: Model, names: tuple[str, ...], iterations: int = 30) -> Found:
@@ -118,13 +118,13 @@ class Chooser:
 
     def _start(self, model: Model, names: tuple[str, ...]) -> dict[str, float]:
         """What was found of these of a model's structures."""
-        return {**self.fixed, **{p.name: model.found.values[p.name] for p in self.parameters(names)}}
+        return {**self.fixed, **{p.name: model.optimum.values[p.name] for p in self.parameters(names)}}
 
     def promise(self, model: Model, structure: Structure) -> Found:
         """What a structure would do to a model's replays in windows: quickly fitted."""
         parameters = self.parameters((*model.structures, structure.name))
         # So many iterations show what a structure promises.
-        return fit(self.problem, parameters, model.found.values, iterations=8, window=WINDOWS[-2])
+        return fit(self.problem, parameters, model.optimum.values, iterations=8, window=WINDOWS[-2])
 
     def with_structure(self, model: Model, structure: Structure, promised: Found) -> Model:
         """A model with one more structure: from where it promised to lead, and without regard to what was found before, which
@@ -178,7 +178,7 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
         for parent in beam:
             for name, child in _tried(chooser, parent, offered, seen, told).items():
                 asked[frozenset(parent.structures), name] = found = Asked.of(name, parent, child)
-                if found.kept:
+                if found.accepted:
                     grown[frozenset(child.structures)] = child
         beam = sorted(grown.values(), key=lambda m: m.error)[:ways]
         best = min([best, *beam], key=lambda m: m.error)

@@ -81,7 +81,7 @@ def identify_actuator(
     chooser = Chooser(problem, declared(Scales.of(fitted)), fixed)
     never = {*(() if shown is None else (LIMIT,) if fixed else LIMITS), *_untellable(fitted)}
     model, asked = choose(chooser, [n for n in ask if n not in never], told)
-    hangs = {n: x for n, x in model.found.values.items() if n == "hangs_at"}
+    hangs = {n: x for n, x in model.optimum.values.items() if n == "hangs_at"}
     if hangs:
         runs = [r.hung(**hangs) for r in runs]
         seen, common["bench"] = experiment(runs[: len(fitted)], full), runs[0].bench
@@ -92,7 +92,7 @@ def identify_actuator(
     held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, **hangs, "back_emf": 0.0})
     file, said = _held_by_a_file(held, model, PUNCH in ask)
     judged = (*_left_out(problem, model, file), *(_held_out(r, problem, model, file) for r in kept))
-    return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
+    return Actuator(law_of(model.optimum.values), law_of(file.optimum.values), tuple(_values(problem, model)),
                     (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen,
                     judged=judged, runs=tuple(runs),
                     notes=(*notes, *said), seconds=time.perf_counter() - began, **common)  # fmt: skip
@@ -153,7 +153,7 @@ def _values(problem: Problem, model: Model) -> list[Value]:
     jackknife), which also sees what is not smooth. What the replay's own steps put into the values comes on top: the servo
     has none.
     """
-    found = model.found
+    found = model.optimum
     space = ParameterSpace(found.searched)
     whole = space.to_unit([found.values[n] for n in space.names])
     each = space.to_unit([[v[n] for n in space.names] for v in model.left_out])
@@ -181,7 +181,7 @@ def _left_out(problem: Problem, model: Model, file: Model) -> list[Judged]:
 
 
 def _held_out(run: Run, problem: Problem, model: Model, file: Model) -> Judged:
-    misses = problem.misses(model.found.values, run), _file_misses(file.found.values, run, problem.step)
+    misses = problem.misses(model.optimum.values, run), _file_misses(file.optimum.values, run, problem.step)
     return Judged(run.name, True, *(float(np.mean(np.abs(m))) for m in misses))
 
 

@@ -24,12 +24,12 @@ def servo_quantity(law: Law) -> Quantity:
     `law.armature`; its damping and dry friction are written in each step.
     """
 
-    def made(model: Model, copies: Copies, terms: Sequence[Term]) -> ActingServos:
+    def acting_servos(model: Model, copies: Copies, terms: Sequence[Term]) -> ActingServos:
         return ActingServos(law, model, copies, terms)
 
     return Quantity(
         name="servo", family="actuator", unit="", title="proportional setting of an identified servo", scale="log",
-        bounds=factor(20, 20, 1.0), law=made, start=1.0,
+        bounds=factor(20, 20, 1.0), law=acting_servos, start=1.0,
     )  # fmt: skip
 
 

@@ -49,7 +49,9 @@ class Chances:
             state = {"position": np.array(position), "velocity": np.array(velocity)}
             for name in (POSITION, ORIENTATION):
                 state |= {name: self._read(name)} if name in self._labels else {}
-            scatter(self._trial, self._rows, lambda name, labels: self._found(name, labels, state), state.__getitem__)
+            scatter(
+                self._trial, self._rows, lambda name, labels: self._find_place(name, labels, state), state.__getitem__
+            )
             if POSITION in state:
                 still = np.zeros(3)
                 velocity, rates = (base.velocity, base.rates) if base is not None else (still, still)
@@ -72,7 +74,7 @@ class Chances:
         if self._senses.late:
             self._senses.note({f: self._read(f)[:, None] for f in self._senses.late}, np.arange(self._rows))
 
-    def seen(self, now: float, wanted: Mapping[str, tuple[str, ...]], read: Read) -> Observation:
+    def observation(self, now: float, wanted: Mapping[str, tuple[str, ...]], read: Read) -> Observation:
         """What a controller sees `now`; `wanted` are channels that it looks at, each with its labels."""
         whole = {n: self._senses.of(n, lambda n=n: self._read(n)) for n in self._labels}
         named = {
@@ -91,9 +93,9 @@ class Chances:
         """Where it is sensed; None where it is only read off."""
         if channel not in self._labels and channel in self._trial.observed:
             return None
-        return self._found(channel, labels, self._labels)
+        return self._find_place(channel, labels, self._labels)
 
-    def _found(self, channel: str, labels: tuple[str, ...], known: Mapping[str, object]) -> Place:
+    def _find_place(self, channel: str, labels: tuple[str, ...], known: Mapping[str, object]) -> Place:
         columns = self._columns(channel, labels, known)
         if channel == ORIENTATION:  # it turns as a whole
             return Place(channel, self._columns(channel, (), known), turn=turned_angles)

@@ -62,7 +62,7 @@ class Gains:
             notes += [f"gains of {listed(idle)} are 0 in all recordings: their servos do not pull"] if idle else []
             same = len(set(given.values())) < 2
             given_for |= {quantity if same else f"{quantity}.{joint}": own for joint, own in given.items()}
-            notes += _said(quantity, given, {joint: sorted(set(each)) for joint, each in values.items()})
+            notes += _sentences(quantity, given, {joint: sorted(set(each)) for joint, each in values.items()})
         return cls(factors, given_for), notes
 
     def factor(self, quantity: str, recording: str, *names: str) -> float:
@@ -108,7 +108,7 @@ def _given(
     return {j: known.get(keys[j], known.get(quantity, 0.0)) or chosen[j] or max(values[j]) for j in values}
 
 
-def _said(quantity: str, given: Mapping[str, float], values: Mapping[str, Sequence[float]]) -> list[str]:
+def _sentences(quantity: str, given: Mapping[str, float], values: Mapping[str, Sequence[float]]) -> list[str]:
     """What recordings with different gains are taken for."""
     differing = [joint for joint, each in values.items() if len({*each, given[joint]}) > 1]
     if not differing:

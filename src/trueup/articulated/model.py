@@ -182,7 +182,7 @@ class Subdivided(Protocol):
     """s"""
 
 
-def taken(copies: object, step: float) -> float:
+def step_of(copies: object, step: float) -> float:
     """How long the steps are, in s, that copies take in one of `step`."""
     return min(step, copies.substep) if isinstance(copies, Subdivided) else step
 

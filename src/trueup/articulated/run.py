@@ -12,7 +12,7 @@ from trueup.articulated.assignments import Assignment, laws, write
 from trueup.articulated.chance import Chances
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
-from trueup.articulated.model import Engine, Running, Stopping, taken
+from trueup.articulated.model import Engine, Running, Stopping, step_of
 from trueup.articulated.pose import ANGLES, ORIENTATION, near
 from trueup.articulated.sensing import read_noise
 from trueup.articulated.signals import Signals
@@ -41,7 +41,7 @@ class Run:
         self._model, self._trial, self._step = engine, trial, step
         self._rows = len(values)
         self._copies: Running = self._model.copies(self._rows)
-        self._signals = Signals(engine, quantities, [trial], values[:, :own], taken(self._copies, step))
+        self._signals = Signals(engine, quantities, [trial], values[:, :own], step_of(self._copies, step))
         write(quantities, values[:, :own], self._copies)
         gains.scale(self._model, self._copies, [trial.name], self._rows)
         seeing = controllers is not None
@@ -69,7 +69,7 @@ class Run:
             if over:  # one step later: what acts during a step is known after it
                 break
             over = self._look(s) == self._rows
-            command = np.array(recorded[:, s]) if recorded is not None else self._asked(s)
+            command = np.array(recorded[:, s]) if recorded is not None else self._commands(s)
             given.append(np.array(command))
             for law in self._laws:
                 law.act(command)
@@ -84,7 +84,7 @@ class Run:
         if (command := self._trial.observed.get("command")) is not None:
             columns = [self._model.columns()[name] for name in actuators_named(self._model, command.labels)]
             histories["command"] = [g[:, columns] for g in (*given, given[-1])]
-        return self._seen(histories, ~np.logical_and.accumulate(np.stack(sound, axis=1), axis=1))
+        return self._measured(histories, ~np.logical_and.accumulate(np.stack(sound, axis=1), axis=1))
 
     def _sound(self) -> Mask:
         """(b,) whether a simulation has not blown up."""
@@ -103,12 +103,12 @@ class Run:
             )
         return self._copies.reader(STATES.get(channel, channel), labels)
 
-    def _asked(self, s: int) -> Array:
+    def _commands(self, s: int) -> Array:
         """(b, width) what the controller commands in step s, as it arrives."""
         if self._loop is None:
             raise RuntimeError("no controller in this run")
         if self._loop.due <= s:
-            self._loop.ask(self._chance.seen(s * self._step, self._loop.looks_at, self._reader))
+            self._loop.ask(self._chance.observation(s * self._step, self._loop.looks_at, self._reader))
         return self._chance.noisy(s, self._loop.commands(s, 1))[:, 0]
 
     def _look(self, s: int) -> int:
@@ -132,7 +132,7 @@ class Run:
         """Channel to (b, k) of what is so now."""
         return {n: self._reader(n, labels)(self._rows) for n, labels in wanted.items()}
 
-    def _seen(self, histories: Mapping[str, Sequence[Array]], lost: Mask) -> Rollout:
+    def _measured(self, histories: Mapping[str, Sequence[Array]], lost: Mask) -> Rollout:
         """Channels as they are measured; (b, m) `lost` says from when on a simulation has none."""
         channels = {}
         for name, observed in self._trial.observed.items():

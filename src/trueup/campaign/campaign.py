@@ -248,7 +248,7 @@ class Campaign:
     def _over(self, number: int, last: RoundEnded, stale: int) -> Ended | None:
         stop = self._plan.stop
         if self._scored() and self._succeeds():
-            unit, done = unit_of(self._parts.task), " (done)" if self._done() > 0.5 else ""
+            unit, done = unit_of(self._parts.task), " (done)" if self._success_share() > 0.5 else ""
             score = f"{-last.score if self._counts else last.score:.4g} {unit}".rstrip()
             return Ended(f"success: {score}{done} on the robot in round {number}", success=True)
         if stale >= stop.patience:
@@ -275,9 +275,9 @@ class Campaign:
 
     def _succeeds(self) -> bool:
         """Whether the best scores well enough for the plan, or does the task in most of its runs where that can be said."""
-        return self._plan.stop.reached(self._best()[1], self._counts) or self._done() > 0.5
+        return self._plan.stop.reached(self._best()[1], self._counts) or self._success_share() > 0.5
 
-    def _done(self) -> float:
+    def _success_share(self) -> float:
         """Share of the best's runs in which the task was done; NaN where there is no such thing."""
         best, _ = self._best()
         shares = [s.done for s in self._scores if np.allclose(s.unit, best, atol=NEGLIGIBLE)]

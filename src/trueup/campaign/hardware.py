@@ -26,8 +26,8 @@ from trueup.loop.transfer import prepared
 from trueup.recording import Recording
 from trueup.robots.robot import HandsOut
 from trueup.tasks.task import robot_done, robot_doubts, robot_scores, robot_tally, robot_trials
-from trueup.told import is_told
 from trueup.trial import Trial
+from trueup.watched_run import is_watched
 
 E = TypeVar("E")
 
@@ -56,7 +56,7 @@ class Hardware:
 
     def recordings(self) -> list[Recording]:
         """Those of all trials that were done and logged, in the order of the trials."""
-        return [r for file, expected in self._files if not is_told(r := self._recording(file, expected))]
+        return [r for file, expected in self._files if not is_watched(r := self._recording(file, expected))]
 
     def test(
         self, round_: int, step: str, units: Array, repeats: int, again: int = 0, first: int = 0
@@ -109,13 +109,13 @@ class Hardware:
     def _perform(self, planned: TrialPlanned, trial: Trial) -> TrialDone:
         before = self._journal.replaying
         self._take(TrialStarted, lambda: TrialStarted(trial.name))
-        done = self._take(TrialDone, lambda: self._done(planned, trial, interrupted=before))
+        done = self._take(TrialDone, lambda: self._outcome_of(planned, trial, interrupted=before))
         if done.outcome == "done":
             self._files += zip(done.recordings, done.checksums, strict=True)
         return done
 
-    def _done(self, planned: TrialPlanned, trial: Trial, *, interrupted: bool) -> TrialDone:
-        kept = self._store.kept(trial.name)  # there already if the end came between keeping and journaling
+    def _outcome_of(self, planned: TrialPlanned, trial: Trial, *, interrupted: bool) -> TrialDone:
+        kept = self._store.outcome(trial.name)  # there already if the end came between keeping and journaling
         if kept is not None:
             self._store.check_settings(trial, kept)
         if kept is None and interrupted and not self._parts.robot.repeatable and self._left_unknown(trial):
@@ -148,7 +148,7 @@ class Hardware:
         if outcome == "done":
             recordings = as_asked(trial, recordings)
             _check_moved(trial, recordings)
-            for words in dict.fromkeys(w for r in recordings if not is_told(r) for w in unmeasured(trial, r)):
+            for words in dict.fromkeys(w for r in recordings if not is_watched(r) for w in unmeasured(trial, r)):
                 self._listener.doubt(f"{trial.name}: in its recording {words}; its score may not be the robot's")
         return self._store.keep(trial, planned.of, outcome, recordings, note)
 
@@ -181,7 +181,7 @@ class Hardware:
 
 def _check_moved(trial: Trial, recordings: Sequence[Recording]) -> None:
     """Raises TrialError where the robot stood: such a run has a score, but no calibration could go on from it."""
-    for words in (w for r in recordings if not is_told(r) and (w := standing(trial, r))):
+    for words in (w for r in recordings if not is_watched(r) and (w := standing(trial, r))):
         raise TrialError(
             f"{trial.name}: {words}, so that the run is not taken. Were its motors off, or the wrong log handed in? "
             "`trueup resume` goes on from here"

@@ -84,22 +84,24 @@ def robot(
     if model.suffix.lower() == ".toml":
         raise PlanError(f"[simulator], model: '{model}' is the file of a vehicle, which type = \"vehicle\" simulates")
 
-    def told(ready: Preparation) -> Preparation:
+    def with_notes_shown(ready: Preparation) -> Preparation:
         for note in ready.notes:
             say(f"note: {note}")
         return ready
 
     if parameters is None and whole_runs:
-        return told(prepare(model, recordings, propose=False, refuse=refuse, engine=engine).for_whole_runs())
+        return with_notes_shown(
+            prepare(model, recordings, propose=False, refuse=refuse, engine=engine).for_whole_runs()
+        )
     if parameters is None and not recordings and as_it_is:
-        return told(prepare(model, (), propose=False, refuse=refuse, engine=engine))
+        return with_notes_shown(prepare(model, (), propose=False, refuse=refuse, engine=engine))
     if parameters is None and not recordings:
         say(
             "what is to be calibrated is proposed after the first experiment; a parameters file in [simulator] says it now"
         )
-        plain = told(prepare(model, (), propose=False, refuse=refuse, engine=engine))
-        return replace(plain, later=lambda seen: told(prepare(model, seen, refuse=refuse, engine=engine)))
-    return told(prepare(model, recordings, parameters=parameters, refuse=refuse, engine=engine))
+        plain = with_notes_shown(prepare(model, (), propose=False, refuse=refuse, engine=engine))
+        return replace(plain, later=lambda seen: with_notes_shown(prepare(model, seen, refuse=refuse, engine=engine)))
+    return with_notes_shown(prepare(model, recordings, parameters=parameters, refuse=refuse, engine=engine))
 
 
 mujoco, dart = partial(robot, "mujoco"), partial(robot, "dart")
@@ -174,7 +176,7 @@ def in_windows(length: float, simulator: Simulator | None = None) -> Suited:
             "without a method (or with 'fit'), and stays as its file says with 'none'"
         )
 
-    def taken(recordings: Sequence[Recording]) -> list[Recording]:
+    def drives(recordings: Sequence[Recording]) -> list[Recording]:
         from trueup.tracking.windows import windows
 
         found: list[Recording] = []
@@ -183,7 +185,7 @@ def in_windows(length: float, simulator: Simulator | None = None) -> Suited:
                 found += windows(recording, length)
         return found
 
-    return taken
+    return drives
 
 
 def drives(

@@ -18,18 +18,18 @@ _OWN = frozenset(["seed", "folder"])
 """What a plan may say otherwise of all that its parts are given: the rest is not to be written in a file."""
 
 
-def made(component: Component, kind: str, known: Mapping[str, str], given: Mapping[str, Any], base: Path) -> Any:
+def instance(component: Component, kind: str, known: Mapping[str, str], given: Mapping[str, Any], base: Path) -> Any:
     """What `component` names, called with its options.
 
     `known` holds short names as 'module:attribute'; other packages add theirs by the entry points 'trueup.<kind>s'. The
     callable also gets what it asks for by name out of `given`; of that a plan may say a seed or a folder otherwise. Paths are
     relative to `base`. Raises PlanError, which names file, table, key, value and the choices.
     """
-    target = found(component, kind, known, base)
+    target = component_type(component, kind, known, base)
     return called(component, target, given, base)
 
 
-def found(component: Component, kind: str, known: Mapping[str, str], base: Path) -> Callable[..., Any]:
+def component_type(component: Component, kind: str, known: Mapping[str, str], base: Path) -> Callable[..., Any]:
     """The class or function that `component` names. Raises PlanError."""
     address = component.type
     if ":" not in address:

@@ -52,7 +52,7 @@ class Output:
                 return cls(at, fingerprint, at / name, state.get("search"), f"going on from {at / _STATE}")
             if force or not any((at / f).exists() for f in (*_FILES, _STATE, name)):
                 note = f"{folder} holds other results, so these go to {at}" if at != folder else ""
-                return cls(made(at), fingerprint, at / name, None, note)
+                return cls(create_folder(at), fingerprint, at / name, None, note)
         raise _all_taken(folder)
 
     @property
@@ -90,7 +90,7 @@ def free_folder(folder: Path, free: Callable[[Path], bool] = is_empty) -> Path:
     """The folder, or the first of folder-2, folder-3 ... that is `free` to write results to; made. Raises OutputError."""
     for at in numbered(folder):
         if free(at):
-            return made(at)
+            return create_folder(at)
     raise _all_taken(folder)
 
 
@@ -106,7 +106,7 @@ def _all_taken(folder: Path) -> OutputError:
     return OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
 
 
-def made(folder: Path) -> Path:
+def create_folder(folder: Path) -> Path:
     """The folder, which is there from now on. Raises OutputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -24,8 +24,8 @@ from trueup.campaign.kinds import (
     Suited,
     in_windows,
 )
-from trueup.campaign.making import arguments, called, found, made
-from trueup.campaign.output import made as made_folder
+from trueup.campaign.making import arguments, called, component_type, instance
+from trueup.campaign.output import create_folder as made_folder
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.discrepancies.discrepancy import Discrepancy
@@ -67,14 +67,14 @@ def parts_of(
     }  # fmt: skip
     ready = _prepared(plan, given, base)
     given["simulator"] = simulator = ready.simulator
-    given["task"] = task = _with(plan.task, made(plan.task, "task", TASKS, given, base), "task")
+    given["task"] = task = _with(plan.task, instance(plan.task, "task", TASKS, given, base), "task")
     if not task.parameters.free.any():
         raise PlanError(f"{plan.task.where}: task '{task.name}' has no free parameter: nothing to tune")
     _check_success(file, task)
-    robot = _with(plan.robot, made(plan.robot, "robot", ROBOTS, given, base), "robot")
+    robot = _with(plan.robot, instance(plan.robot, "robot", ROBOTS, given, base), "robot")
     discrepancy = None
     if plan.calibrate.discrepancy is not None:
-        discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
+        discrepancy = instance(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
     given["discrepancy"] = discrepancy
     parts = Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
@@ -100,7 +100,7 @@ def _prepared(plan: Plan, given: Mapping[str, Any], base: Path) -> Preparation:
 
     Raises PlanError where nothing is declared to be calibrated and no experiment will show what to propose.
     """
-    part = made(plan.simulator, "simulator", SIMULATORS, given, base)
+    part = instance(plan.simulator, "simulator", SIMULATORS, given, base)
     ready = (
         part if isinstance(part, Preparation) else Preparation(Family(), _with(plan.simulator, part, "simulator"), ())
     )
@@ -176,7 +176,7 @@ def _search(file: PlanFile, space: Any) -> Callable[[Array, int], Search]:
     plan, base = file.plan.optimize, file.path.parent
     labels = tuple(p.name for p in space.parameters if not p.frozen)
     budget = {"trials": plan.evaluations, "max_evaluations": plan.evaluations, "labels": labels}
-    target = found(plan.search, "search", SEARCHES, base)
+    target = component_type(plan.search, "search", SEARCHES, base)
 
     def new(start: Array, seed: int) -> Search:
         return called(plan.search, target, {"start": start, "seed": seed, **budget}, base)
@@ -197,18 +197,18 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
             )
         return fits[method](file, given, ready)
     given = {**given, "simulator": ready.simulator}  # with what was proposed for the recordings
-    target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
+    target = component_type(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None, "earlier": None}
     arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
 
-    def own(
+    def calibrate_by_plan(
         recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None],
         earlier: Earlier | None,
     ) -> Calibration:  # fmt: skip
         now = {**given, "recordings": recordings, "held_out": held_out, "progress": progress, "earlier": earlier}
         return target(**arguments(plan.calibrate.method, target, now, base))
 
-    return own
+    return calibrate_by_plan
 
 
 def _writer(

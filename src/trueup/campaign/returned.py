@@ -11,8 +11,8 @@ from trueup.inspection.requested import as_observed, completed
 from trueup.inspection.si import in_si
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
-from trueup.told import is_told
 from trueup.trial import Trial
+from trueup.watched_run import is_watched
 
 _MENDS = {
     "instant": "",
@@ -53,7 +53,7 @@ def as_asked(trial: Trial, recordings: Sequence[Recording]) -> list[Recording]:
     """
     return [
         r
-        if trial.watched is not None and is_told(r)
+        if trial.watched is not None and is_watched(r)
         else completed(trial, _checked(trial, _observed(trial, in_si(as_observed(trial, r)))))
         for r in recordings
     ]

@@ -61,7 +61,7 @@ class Store:
                 rows = [",".join(f"{v:.9g}" for v in row) for row in reference.values]
                 keep_text(path, "\n".join([head, *rows]) + "\n")
 
-    def kept(self, trial: str) -> Kept | None:
+    def outcome(self, trial: str) -> Kept | None:
         """The outcome of a trial that has one. Raises JournalError where its file is damaged."""
         path = self._outcome(trial)
         if not path.exists():

@@ -42,7 +42,7 @@ class Finding:
     what: str
     verdict: str
     """good, mind (works, may be better) or bad (something will not work)."""
-    said: str
+    message: str
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     else:
         colours = {"good": "green", "mind": "yellow", "bad": "red"}
         for f in found:
-            tell(console, f"[{colours[f.verdict]}]{f.verdict:5}[/] {f.what:12} {escape(f.said)}")
+            tell(console, f"[{colours[f.verdict]}]{f.verdict:5}[/] {f.what:12} {escape(f.message)}")
     return int(any(f.verdict == "bad" for f in found))
 
 

@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes, tell
-from trueup.commands.excite_summary import limits_table, show, taken
+from trueup.commands.excite_summary import limits_table, show, used_of_limits
 from trueup.commands.mounting import add_gravity, in_words, strange
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared, typed
@@ -222,15 +222,15 @@ def _numbers(
     t, limits = outcome.trajectory, problem.feasibility.limits
     return {
         "model": str(args.model), "motion": problem.wish.motion, "seed": args.seed, "duration": t.duration,
-        "passes": list(outcome.passes), "log10_determinant_as_printed": outcome.found.printed,
+        "passes": list(outcome.passes), "log10_determinant_as_printed": outcome.excitation.printed,
         "criterion": args.criterion or "D", "mix": outcome.mix,
-        "loss": outcome.found.loss, "seconds_of_search": outcome.found.seconds,
+        "loss": outcome.excitation.loss, "seconds_of_search": outcome.excitation.seconds,
         "speed_shares": (np.abs(t.qd).max(axis=0) / limits.speed).round(4).tolist(),
         "acceleration_shares": (np.abs(t.qdd).max(axis=0) / limits.acceleration).round(4).tolist(),
         "clearance": finite(outcome.clearance), "nearest_parts": outcome.nearest,
         "limits": {name: finite(x.tolist()) for name, x in limits.values().items()},
         "limits_from": {name: list(x) for name, x in limits.sources.items()},
-        "taken": {name: x.round(6).tolist() for name, x in taken(problem, outcome).items()},
+        "taken": {name: x.round(6).tolist() for name, x in used_of_limits(problem, outcome).items()},
         "starts_at": t.q[0].round(6).tolist(), "notes": [*problem.notes, *outcome.notes],
         "parameters": [
             {"name": e.leading, "combination": e.name, "unit": e.unit, "deviation": e.deviation,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trueup.excitation.problem import ExcitationProblem
 
 
-def taken(problem: ExcitationProblem, outcome: Outcome) -> dict[str, Array]:
+def used_of_limits(problem: ExcitationProblem, outcome: Outcome) -> dict[str, Array]:
     """Field of the limits -> (n,) what the motion takes of it; no torque where the model has none."""
     t, torque = outcome.trajectory, problem.feasibility.torque(outcome.trajectory)
     used = {"lower": t.q.min(axis=0), "upper": t.q.max(axis=0)}
@@ -36,7 +36,7 @@ def taken(problem: ExcitationProblem, outcome: Outcome) -> dict[str, Array]:
 
 def limits_table(problem: ExcitationProblem, outcome: Outcome) -> Table:
     """What this motion takes of what each joint may do, and where the limit comes from."""
-    limits, used = problem.feasibility.limits, taken(problem, outcome)
+    limits, used = problem.feasibility.limits, used_of_limits(problem, outcome)
     others = sorted({source for each in limits.sources.values() for source in each} - {"model"})
     letters = {source: chr(ord("a") + k) for k, source in enumerate(others)}
     said = "; ".join(f"{letter}: {source}" for source, letter in letters.items())

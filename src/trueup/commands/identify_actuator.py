@@ -126,7 +126,7 @@ def _show(actuator: Actuator, console: Console) -> None:
         tell(console, f"[cyan]cannot tell[/] {escape(sentence)}")
     if actuator.law is None:
         return
-    console.print(_asked(actuator))
+    console.print(_structures(actuator))
     console.print(_numbers("by simulation", actuator.values))
     for value in actuator.values:
         if value.high > 3.0 * max(value.low, 0.0) and value.value > 0.0:
@@ -143,7 +143,7 @@ def _numbers(title: str, values: Sequence[Value]) -> Table:
     return table
 
 
-def _asked(actuator: Actuator) -> Table:
+def _structures(actuator: Actuator) -> Table:
     table = table_of(
         "structure", "left-out error without", "with, mrad", "with it", "", words=("structure", "with it", ""),
         title="what it is made of: kept where left-out recordings want it by two standard errors, or by one where none is "

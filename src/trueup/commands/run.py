@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     plan = Path(args.plan)
     file = read_plan(plan / PLAN if plan.is_dir() else plan)
     if args.dry_run:
-        return _made(file, console)
+        return _describe_parts(file, console)
     folder = Folder.begin(file, Path(args.out) if args.out else None, args.seed)
     if folder.ended:
         notes(told, [folder.note], quiet=args.quiet)
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     return go_on(folder, args, console, told)
 
 
-def _made(file: PlanFile, console: Console) -> int:
+def _describe_parts(file: PlanFile, console: Console) -> int:
     """Makes all parts of a plan, and says what they are."""
     from trueup.campaign.rehearsal import require_within_limits
     from trueup.campaign.resolve import parts_of

@@ -18,8 +18,8 @@ from trueup.parameters import ParameterSpace
 from trueup.reckoned import reckoned_as
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
-from trueup.told import Told
 from trueup.trial import Trial
+from trueup.watched_run import WatchedRun
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Rollout:
     """Row to when and why its run ended before its time, on the trial's clock: an outcome, not a failure."""
     settings: Array | None = None
     """(b, m) parameters of the controller of each row, for scores that depend on them; None where they are not known."""
-    told: Mapping[int, Told] = field(default_factory=dict)
+    watched: Mapping[int, WatchedRun] = field(default_factory=dict)
     """Row to what people saw of its run, where nothing was measured: its channels are NaN."""
 
     def lasted(self, channel: str) -> Mask:

@@ -140,7 +140,7 @@ class Chunks:
                 return chunk
         return None
 
-    def done(self, chunk: Chunk) -> None:
+    def settle(self, chunk: Chunk) -> None:
         """A chunk came back."""
         self._settled.update(range(chunk.start, chunk.stop))
 

@@ -172,7 +172,7 @@ class Cluster:
             }
             self._roster.has[worker].update(blobs)
             part = rows[chunk.start : chunk.stop]
-            future = self._roster.asked(
+            future = self._roster.answer(
                 lambda client, w=worker, b=blobs, p=part, at=chunk.start, n=threads: client.submit(
                     work_on, keys, b, p, at, n, workers=[w], pure=False
                 )
@@ -221,7 +221,7 @@ class Cluster:
             self._say(f"worker {run.worker}: {wrong}; {_rows(run.chunk)} again")
             return
         run.chunks.pace.took(len(run.chunk), run.threads, lasted)
-        run.chunks.done(run.chunk)
+        run.chunks.settle(run.chunk)
         values[run.chunk.start : run.chunk.stop] = reply.outcome.values
         failures.update({run.chunk.start + row: why for row, why in reply.outcome.failures.items()})
 

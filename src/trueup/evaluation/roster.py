@@ -95,23 +95,23 @@ class Roster:
 
         threading.Thread(target=restart, daemon=True).start()
 
-    def asked(self, ask: Callable[[Any], T]) -> T:
+    def answer(self, ask: Callable[[Any], T]) -> T:
         """What the scheduler answers to its client. Raises EvaluationError where it is gone."""
         try:
             if self.connection.client.status == "running":
                 return ask(self.connection.client)
         except (OSError, TimeoutError, RuntimeError) as error:  # the last where it was closed since its status was read
-            raise EvaluationError(self._gone) from error
-        raise EvaluationError(self._gone)
+            raise EvaluationError(self._unreachable) from error
+        raise EvaluationError(self._unreachable)
 
     @property
-    def _gone(self) -> str:
+    def _unreachable(self) -> str:
         return (
             f"the scheduler of {self.where} does not answer any more; what was finished is kept, go on when it is back"
         )
 
     def _there(self) -> dict[str, int]:
-        return self.asked(lambda client: client.nthreads())
+        return self.answer(lambda client: client.nthreads())
 
     def _forget(self, worker: str) -> None:
         del self.fit[worker], self.has[worker]
@@ -121,7 +121,7 @@ class Roster:
         """Takes workers that are as this process is; the others are named."""
         if not new:
             return
-        said = self.asked(lambda client: client.run(identity, workers=list(new), on_error="return"))
+        said = self.answer(lambda client: client.run(identity, workers=list(new), on_error="return"))
         for worker, threads in new.items():
             why = self._unlike(worker, said.get(worker))
             if why:

@@ -114,7 +114,7 @@ class Cell:
     @property
     def genes(self) -> int:
         """Genes of one via point: six, and one for each joint that is asked for by value."""
-        return (3 if self.kinematics.equations.rows == 3 else 6) + len(self.kinematics.equations.own)
+        return (3 if self.kinematics.equations.rows == 3 else 6) + len(self.kinematics.equations.prescribed)
 
     def via_points(self, genes: Array) -> tuple[Array, Array, Array]:
         """Positions (..., 3), orientations (..., 3, 3) and own joint values (..., own) of genes (..., genes)."""
@@ -124,7 +124,7 @@ class Cell:
             turns = self.region.orientations(genes[..., 3:6], self.orientation)
         else:
             turns = np.broadcast_to(self.orientation, (*genes.shape[:-1], 3, 3)).copy()
-        at = joint[self.kinematics.equations.own]
+        at = joint[self.kinematics.equations.prescribed]
         # Joints asked for by value move like the orientation: as far about the posture as the tool may spin.
         span = np.minimum(
             self.region.spin,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array, Integers, Mask
 from trueup.compiled import njit
 from trueup.errors import unknown_name
-from trueup.identification.poses import about, go, joint_pose, multiply, put, put_all
+from trueup.identification.poses import about, copy_row, go, joint_pose, multiply, put_all
 from trueup.rounding import NEGLIGIBLE
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def place(chain: ChainArrays, q: Array, R: Array, p: Array, z: Array, o: Array) 
         joint_pose(R, p, chain.rotation[i], chain.offset[i], chain.axis[i], chain.prismatic[i], value, R, p)
         for a in range(3):
             z[i, a] = R[a, 0] * chain.axis[i, 0] + R[a, 1] * chain.axis[i, 1] + R[a, 2] * chain.axis[i, 2]
-        put(p, o[i])
+        copy_row(p, o[i])
     go(R, p, chain.tool_offset)
     put_all(R, half)
     multiply(half, chain.tool_rotation, R)
@@ -146,12 +146,12 @@ def unforced_acceleration(chain: ChainArrays, p: Array, z: Array, o: Array, qd: 
             alpha[2] += c2
             for k in range(3):
                 omega[k] += z[i, k] * qd[i]
-        put(o[i], x)
+        copy_row(o[i], x)
     for k in range(3):
         r[k] = p[k] - x[k]
     _carry(omega, alpha, r, a)
-    put(a, out)
-    put(alpha, out[3:])
+    copy_row(a, out)
+    copy_row(alpha, out[3:])
 
 
 @njit(cache=True, nogil=True)

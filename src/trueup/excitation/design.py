@@ -85,7 +85,7 @@ class _Run:
     kind: MotionClass
     criterion: Criterion
     options: Options
-    told: Told | None
+    report: Told | None
     penalty: Penalty | None
     began: float = field(default_factory=clock)
     trace: list[Step] = field(default_factory=list)
@@ -114,8 +114,8 @@ class _Run:
     def note(self, loss: float, share: float) -> None:
         step = Step(loss, self.evaluations, self.seconds, min(1.0, share))
         self.trace.append(step)
-        if self.told is not None:
-            self.told(step)
+        if self.report is not None:
+            self.report(step)
 
     @property
     def over(self) -> bool:

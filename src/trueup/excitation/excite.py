@@ -57,7 +57,7 @@ class Outcome:
     """A feasible excitation and how it came about."""
 
     trajectory: Trajectory
-    found: Excitation
+    excitation: Excitation
     passes: tuple[float, ...]
     """How many times slower than designed each pass over the path is."""
     clearance: float

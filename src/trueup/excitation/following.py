@@ -20,7 +20,7 @@ from trueup.excitation.inverse_kinematics import (
     travel,
 )
 from trueup.excitation.tool_path import Pace, Program, program, slow_down, starts, tool_laws, tool_state
-from trueup.identification.poses import apply, distance, put
+from trueup.identification.poses import apply, copy_row, distance
 
 NO_MOTION = len(REASONS)
 """How a plan ended when all its moves have no length; the other ends are those of the inverse kinematics."""
@@ -57,15 +57,15 @@ def follow(
         matrix(chain, equations, p0, z, o, J, A)
         if invert(A, inverse) < LEAST_GAIN:
             return SINGULAR
-        put(v[:rows], wanted)
-        put(v[6:], wanted[rows:])
+        copy_row(v[:rows], wanted)
+        copy_row(v[6:], wanted[rows:])
         apply(inverse, wanted, speed)
         unforced_acceleration(chain, p0, z, o, speed, drift)
         for i in range(rows):
             wanted[i] = a[i] - drift[i]
-        put(a[6:], wanted[rows:])
+        copy_row(a[6:], wanted[rows:])
         apply(inverse, wanted, bend)
-        put(here, q[s])
+        copy_row(here, q[s])
         qd[s], qdd[s] = 0.0, 0.0
         for i in range(m):
             qd[s, chain.joint[i]] = speed[i]

@@ -19,7 +19,7 @@ from trueup.compiled import njit
 from trueup.errors import ModelError
 from trueup.excitation.chain import Chain, ChainArrays, place, rotation_between, slopes, turned
 from trueup.excitation.limits import JointLimits
-from trueup.identification.poses import apply, distance, largest, length, put, put_all
+from trueup.identification.poses import apply, copy_row, distance, largest, length, put_all
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 REACHED, LOST, SINGULAR, OUT_OF_RANGE = 0, 1, 2, 3
@@ -34,7 +34,7 @@ class Equations(NamedTuple):
 
     rows: int
     """6 or 3."""
-    own: Integers
+    prescribed: Integers
     """(m - rows,) places in the chain of the joints whose values are asked for."""
     lower: Array
     upper: Array
@@ -76,14 +76,16 @@ class InverseKinematics:
         joints that are asked for by value (default: as in `near`).
         """
         q = np.array(near, dtype=np.float64)
-        wanted = q[self.chain.arrays.joint][self.equations.own] if own is None else np.asarray(own, dtype=np.float64)
+        wanted = (
+            q[self.chain.arrays.joint][self.equations.prescribed] if own is None else np.asarray(own, dtype=np.float64)
+        )
         R, p = np.ascontiguousarray(rotation, dtype=np.float64), np.asarray(position, dtype=np.float64)
         return q, int(travel(self.chain.arrays, self.equations, R, p, wanted, LEAST_GAIN, q))
 
     def gain(self, q: ArrayLike) -> float:
         """The slowest motion of the tool (or of an own joint) for unit joint speed at q (n,); 0 at a singularity."""
         J = self.chain.jacobian(q)[: self.equations.rows, self.chain.arrays.joint]
-        own = np.eye(J.shape[1])[self.equations.own]
+        own = np.eye(J.shape[1])[self.equations.prescribed]
         return float(np.linalg.svd(np.vstack([J, own]), compute_uv=False)[-1])
 
     def search(
@@ -150,8 +152,8 @@ def matrix(chain: ChainArrays, equations: Equations, p: Array, z: Array, o: Arra
     slopes(chain, p, z, o, J)
     put_all(J[: equations.rows], A)
     A[equations.rows :] = 0.0
-    for k in range(len(equations.own)):
-        A[equations.rows + k, equations.own[k]] = 1.0
+    for k in range(len(equations.prescribed)):
+        A[equations.rows + k, equations.prescribed[k]] = 1.0
 
 
 @njit(cache=True, nogil=True)
@@ -166,9 +168,9 @@ def settle(chain: ChainArrays, equations: Equations, R: Array, p: Array, own: Ar
             error[a] = p[a] - p_[a]
         if equations.rows == 6:
             rotation_between(R_, R, turn)
-            put(turn, error[3:])
+            copy_row(turn, error[3:])
         for k in range(len(own)):
-            error[equations.rows + k] = own[k] - q[chain.joint[equations.own[k]]]
+            error[equations.rows + k] = own[k] - q[chain.joint[equations.prescribed[k]]]
         size = largest(error)
         if size < 1e-11:
             return _in_range(chain, equations, q)
@@ -193,7 +195,7 @@ def travel(chain: ChainArrays, equations: Equations, R: Array, p: Array, own: Ar
     place(chain, q, R0, p0, z, o)
     own0 = np.empty(len(own))
     for k in range(len(own)):
-        own0[k] = q[chain.joint[equations.own[k]]]
+        own0[k] = q[chain.joint[equations.prescribed[k]]]
     rotation_between(R0, R, turn)
     apply(R0.T, turn, inside)  # the vector in the tool's own frame
     far = distance(p, p0) / 0.05

@@ -11,13 +11,13 @@ from trueup.excitation.following import NO_MOTION, excess, keep
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.profiles import advance, law
 from trueup.excitation.tool_path import law_of, slow_down, starts
-from trueup.identification.poses import put
+from trueup.identification.poses import copy_row
 
 
 @njit(cache=True, nogil=True)
 def joint_state(t: float, begin: Array, T: Array, Q: Array, q: Array, qd: Array, qdd: Array) -> None:
     """q, qd, qdd (n,) at t [s] of joint moves through postures Q (K, n)."""
-    put(Q[0], q)
+    copy_row(Q[0], q)
     qd[:] = 0.0
     qdd[:] = 0.0
     for k in range(len(T)):
@@ -25,7 +25,7 @@ def joint_state(t: float, begin: Array, T: Array, Q: Array, q: Array, qd: Array,
             return
         s, rate, bend = law(t - begin[k], T[k, 0], T[k, 1], T[k, 2])
         if s >= 1.0:
-            put(Q[k + 1], q)
+            copy_row(Q[k + 1], q)
             continue
         advance(Q[k], Q[k + 1], s, rate, bend, q, qd, qdd)
 

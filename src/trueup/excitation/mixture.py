@@ -168,7 +168,7 @@ def mixed(
     """
     began, pool, chosen = time.perf_counter(), list[tuple[Trajectory, Array]](), list[Trajectory]()
     for k, (kind, draw) in enumerate(classes.items(), 1):
-        pool += _drawn(kind, draw, criterion, rng, allowed)
+        pool += _candidates(kind, draw, criterion, rng, allowed)
         if told is not None:
             told(Step(float("nan"), len(pool), time.perf_counter() - began, k / len(classes)))
     if not pool:
@@ -185,7 +185,7 @@ def mixed(
     return chosen
 
 
-def _drawn(
+def _candidates(
     kind: str, draw: Draw, criterion: Criterion, rng: np.random.Generator, allowed: Allowed | None
 ) -> list[tuple[Trajectory, Array]]:  # fmt: skip
     """Motions of a class that are allowed, named by it, each with what it tells."""

@@ -16,7 +16,7 @@ from trueup.arrays import Array
 from trueup.compiled import njit
 from trueup.excitation.chain import rotation_between, turned
 from trueup.excitation.profiles import advance, law, ramps, time_of_share
-from trueup.identification.poses import apply, distance, length, put, put_all
+from trueup.identification.poses import apply, copy_row, distance, length, put_all
 
 
 class Pace(NamedTuple):
@@ -123,8 +123,8 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
     p has 3 + own entries. Returns the move that is under way (the later one where two blend).
     """
     P, R, X, turns, T, begin = way
-    put(P[0], p)
-    put(X[0], p[3:])
+    copy_row(P[0], p)
+    copy_row(X[0], p[3:])
     v[:] = 0.0
     a[:] = 0.0
     put_all(R[0], R_)
@@ -136,14 +136,14 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
         now = k
         s, rate, bend = law(t - begin[k], T[k, 0], T[k, 1], T[k, 2])
         if s >= 1.0:
-            put(P[k + 1], p)
-            put(X[k + 1], p[3:])
+            copy_row(P[k + 1], p)
+            copy_row(X[k + 1], p[3:])
             put_all(R[k + 1], R_)
             continue
         advance(P[k], P[k + 1], s, rate, bend, p[:3], v[:3], a[:3])
         advance(X[k], X[k + 1], s, rate, bend, p[3:], v[6:], a[6:])
         apply(R_, turns[k], axis)  # in the base frame, carried by what still turns of the move before
-        put(v[3:6], spin)
+        copy_row(v[3:6], spin)
         a[3] += axis[0] * bend + (spin[1] * axis[2] - spin[2] * axis[1]) * rate
         a[4] += axis[1] * bend + (spin[2] * axis[0] - spin[0] * axis[2]) * rate
         a[5] += axis[2] * bend + (spin[0] * axis[1] - spin[1] * axis[0]) * rate

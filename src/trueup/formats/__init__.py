@@ -40,7 +40,7 @@ def read(
     """
     known = ChannelMap.load(mapping) if isinstance(mapping, (str, Path)) else mapping
     how = "guessed" if mapping is None else str(mapping) if isinstance(mapping, (str, Path)) else "given"
-    return distinct([_recording(found, known, how, joints) for found in _found(source, known)])
+    return distinct([_recording(found, known, how, joints) for found in _sources(source, known)])
 
 
 def write(recording: Recording, path: str | Path) -> None:
@@ -63,7 +63,7 @@ def guess_mapping(source: Paths, joints: Sequence[str] | None = ()) -> ChannelMa
     Raises FormatError for unsound files, and MappingError where there is nothing to guess from.
     """
     for path in [source] if isinstance(source, (str, Path)) else source:
-        for found in _found(path, None):
+        for found in _sources(path, None):
             if found.tables:
                 return guess(found.tables, joints)
     raise FormatError(f"{source}: these files are recordings of trueup already and need no mapping")
@@ -85,7 +85,7 @@ def _check_sampled(recording: Recording) -> None:
             )
 
 
-def _found(source: Paths, mapping: ChannelMap | None) -> list[Source]:
+def _sources(source: Paths, mapping: ChannelMap | None) -> list[Source]:
     paths = [source] if isinstance(source, (str, Path)) else list(source)
     if not paths:
         raise FormatError("no file was given to read")

@@ -49,14 +49,14 @@ def _tree(data: Mapping[str, Any]) -> Tree:
         if isinstance(value, dict):
             tree.branches[name] = _tree(value)
         elif isinstance(value, list | np.ndarray) and len(np.shape(value)) and all(isinstance(v, dict) for v in value):
-            parts = {_said(part) or str(k + 1): _tree(part) for k, part in enumerate(value)}
+            parts = {_signal_name(part) or str(k + 1): _tree(part) for k, part in enumerate(value)}
             tree.branches.update({f"{name}{key}" if key.isdigit() else key: part for key, part in parts.items()})
         elif (leaf := _leaf(value)) is not None:
             tree.leaves[name] = leaf
     return tree
 
 
-def _said(part: Mapping[str, Any]) -> str:
+def _signal_name(part: Mapping[str, Any]) -> str:
     """How Simulink names a signal."""
     return next((str(part[key]) for key in ("label", "blockName") if isinstance(part.get(key), str) and part[key]), "")
 

@@ -40,7 +40,7 @@ def write_json(trajectory: Recording, path: Path, about: Mapping[str, Any]) -> N
 
     Raises OutputError; what was there is untouched.
     """
-    kept = _kept(trajectory)
+    kept = _samples(trajectory)
     position = trajectory.channel("position")
     points = {name: trajectory.channel(name).values[kept].round(9).tolist() for _, name in _PARTS}
     content = {**about, "joints": list(position.labels), "time": position.time[kept].round(9).tolist(), **points}
@@ -83,7 +83,7 @@ def _message(trajectory: Recording, types: Mapping[str, Any]) -> Any:
     header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
     values = [trajectory.channel(name).values for _, name in _PARTS]
     points = []
-    for k in _kept(trajectory):
+    for k in _samples(trajectory):
         seconds = float(position.time[k] - position.time[0])
         whole = int(seconds)
         after = duration(whole, round((seconds - whole) / size_of("ns")))
@@ -91,7 +91,7 @@ def _message(trajectory: Recording, types: Mapping[str, Any]) -> Any:
     return types["trajectory_msgs/msg/JointTrajectory"](header, list(position.labels), points)
 
 
-def _kept(trajectory: Recording) -> list[int]:
+def _samples(trajectory: Recording) -> list[int]:
     """Samples for a message: evenly at 100 Hz at most, the last one included."""
     time = trajectory.channel("position").time
     rate = (len(time) - 1) / (time[-1] - time[0])

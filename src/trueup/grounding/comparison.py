@@ -111,7 +111,7 @@ def cross_validated(
 
 def error_ahead(model: Model | None, rows: Rows) -> float:
     """Mean absolute error of `chained`, in spreads of the outputs."""
-    return _seen(np.abs(chained(model, rows) - rows.Y), rows)
+    return _mean_error(np.abs(chained(model, rows) - rows.Y), rows)
 
 
 def chained(model: Model | None, rows: Rows) -> Array:
@@ -132,9 +132,9 @@ def chained(model: Model | None, rows: Rows) -> Array:
         going = np.flatnonzero(starts + t < ends)
         X = rows.X[starts[going] + t]
         for q, at in zip(past, inputs.frames, strict=False):
-            X[:, at + inputs.own] = q[going]
+            X[:, at + inputs.position_columns] = q[going]
         now = np.zeros((len(starts), rows.Y.shape[1]))
-        now[going] = X[:, inputs.own] if model is None else model.predict(X)
+        now[going] = X[:, inputs.position_columns] if model is None else model.predict(X)
         told[starts[going] + t] = now[going]
         past = [now, *past[: inputs.history - 1]]
     return told
@@ -146,7 +146,7 @@ def score(
     """Errors of `predicted` (N, k) beside those of the training means (N, k)."""
     wrong, base = predicted - rows.Y, mean - rows.Y
     moves = np.where(rows.moves, 1.0, np.nan)
-    by_fold = np.array([_seen(np.abs(wrong[f]), rows) for f in folds])
+    by_fold = np.array([_mean_error(np.abs(wrong[f]), rows) for f in folds])
     return Score(
         name,
         moves * np.abs(wrong).sum(axis=0) / np.maximum(np.abs(base).sum(axis=0), TINY),
@@ -155,7 +155,7 @@ def score(
     )  # fmt: skip
 
 
-def _seen(wrong: Array, rows: Rows) -> float:
+def _mean_error(wrong: Array, rows: Rows) -> float:
     """The mean of absolute errors (n, k) of what moves, in spreads of the outputs; beneath its noise no error can be seen."""
     return float(np.mean((np.hypot(wrong.mean(axis=0), rows.noise) / rows.spread)[rows.moves]))
 

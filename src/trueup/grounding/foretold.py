@@ -51,7 +51,7 @@ def foretold(learner: Learner, rows: Rows, view: str, taken: Score, seed: int) -
     said, each = chained(model, part), max(round(SETTLE / rows.inputs.period), 1)
     first, last = _liveliest(part, _SHOWN * each, each)
     shown = slice(first, last)
-    asked = part.X[shown, rows.inputs.asked]
+    asked = part.X[shown, rows.inputs.command_columns]
     time = rows.inputs.period * np.arange(last - first, dtype=np.float64)
     return Foretold(rows.names[part.run[first]], time, asked, part.Y[shown], said[shown])
 

@@ -112,14 +112,14 @@ class GroundedController:
             raise GroundingError("this simulator does not show its controllers the channel 'position' by its labels")
         asked = self._asked[:, self._columns]
         self._past.appendleft((np.array(observation.channels["position"]), asked))
-        others = inputs.seen(observation.channels)
+        others = inputs.other_channels(observation.channels)
         X = self._inputs(self._past, others)
         goal = None
         if self._grounding.chained:
             seen, _ = self._past[0]
             own = np.array(seen)
             if self._goal is not None:
-                own[:, self._grounding.inputs.own] = self._goal
+                own[:, self._grounding.inputs.position_columns] = self._goal
             self._chain.appendleft((own, asked))
             goal = self._goal = self._grounding.goal(self._inputs(self._chain, others))
         if self._weights is not None or self._grounding.weights[1]:

@@ -65,21 +65,21 @@ class Grounding:
 
     def goal(self, X: Array) -> Array:
         """(b, k) where the joints are to be one frame later, of inputs X (b, d)."""
-        return X[:, self.inputs.asked] if self.forward is None else self.forward.predict(X)
+        return X[:, self.inputs.command_columns] if self.forward is None else self.forward.predict(X)
 
     def commands(self, X: Array, weights: Array | None = None, goal: Array | None = None) -> Array:
         """(b, k) what is told to the simulator in place of the commands in inputs X (b, d); weights (b, 2) for each row.
 
         `goal` (b, k) where it was found from other inputs.
         """
-        asked = X[:, self.inputs.asked]
+        asked = X[:, self.inputs.command_columns]
         if self.residual is not None:
             goal = asked if self.torque else asked + self.residual.predict(X)
         elif goal is None:
             goal = self.goal(X)
         if self.inverse is not None and self.residual is None:
             Z = np.array(X)
-            Z[:, self.inputs.asked] = goal
+            Z[:, self.inputs.command_columns] = goal
             goal = self.inverse.predict(Z)
         a, b = np.transpose(weights)[:, :, None] if weights is not None else self.weights
         return a * asked + b * goal
@@ -137,7 +137,7 @@ class Grounding:
                 {n: tuple(x) for n, x in shape["others"].items()}, shape["unit"],
             )  # fmt: skip
             forward, inverse, residual = (
-                _kept(meta[n], n, arrays) if n in meta else None for n in ("forward", "inverse", "residual")
+                _model(meta[n], n, arrays) if n in meta else None for n in ("forward", "inverse", "residual")
             )
             blocks = tuple(_block(b, k, arrays) for k, b in enumerate(meta["blocks"]))
             (requested, predicted), chained, torque = meta["weights"], bool(meta["chained"]), bool(meta.get("torque"))
@@ -169,7 +169,7 @@ def _block(told: Mapping[str, Any], k: int, arrays: Mapping[str, Array]) -> Bloc
     return Block(limit=told["limit"], patience=told["patience"], name=told["name"], **parts)
 
 
-def _kept(kinds: list[str], name: str, arrays: Mapping[str, Array]) -> Model:
+def _model(kinds: list[str], name: str, arrays: Mapping[str, Array]) -> Model:
     def own(k: int) -> dict[str, Array]:
         first = f"{name}/{k}/"
         return {n.removeprefix(first): v for n, v in arrays.items() if n.startswith(first)}

@@ -61,7 +61,7 @@ class Learned:
 
     grounding: Grounding
     comparison: Comparison
-    taken: Score
+    score: Score
     """Of what the grounding holds, on runs left out."""
     rows: Rows
     view: str

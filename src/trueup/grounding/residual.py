@@ -118,7 +118,7 @@ class Response:
     """(k,) share of the answers that it does not explain."""
 
     @classmethod
-    def seen(
+    def estimated(
         cls, noise: Sequence[Array], plain: Sequence[Array | None], noisy: Sequence[Array | None], memory: int
     ) -> Response:
         """By least squares from replays with noise added, new in each frame and to each joint, and without."""
@@ -184,7 +184,7 @@ class _Replay:
         noise, noisy = self._noisy(scale, rng)
         moved = _roots([None if a is None or b is None else b - a for a, b in zip(plain, noisy, strict=True)])
         noise, noisy = self._noisy(scale * reach / np.maximum(moved, TINY), rng)
-        return Response.seen(noise, plain, noisy, memory)
+        return Response.estimated(noise, plain, noisy, memory)
 
     def _noisy(self, scale: Array, rng: np.random.Generator) -> tuple[list[Array], list[Array | None]]:
         noise = [scale * rng.standard_normal(real.shape) for real in self.real]
@@ -196,10 +196,10 @@ class _Replay:
         own = trial.command.labels if trial.command is not None else ()
         columns = self._simulator.commanded if isinstance(self._simulator, Commanded) else own
 
-        def made(values: Array) -> Controller:
+        def adding_controller(values: Array) -> Controller:
             return _Adding(inner(values), added, frame, self._inputs.commands, columns, self._torque)
 
-        return dataclasses.replace(trial, controller=made)
+        return dataclasses.replace(trial, controller=adding_controller)
 
     def _strength(self) -> Array:
         """(k,) N m: a tenth of what the simulator's own drives give in the replays."""
@@ -248,7 +248,7 @@ def _rows(grounding: Grounding, recordings: Sequence[Recording], inverted: Inver
 
 def _changes(rows: Rows) -> Array:
     """(k,) how much commands change from one frame to the next."""
-    asked = rows.X[:, rows.inputs.asked]
+    asked = rows.X[:, rows.inputs.command_columns]
     follows = (np.diff(rows.run) == 0) & (np.diff(rows.frame) == 1)
     return np.sqrt(np.mean(np.diff(asked, axis=0)[follows] ** 2, axis=0))
 

@@ -73,7 +73,7 @@ class Inputs:
         return {kind: np.array([i for i, k in enumerate(kinds) if k == kind]) for kind in dict.fromkeys(kinds) if kind}
 
     @property
-    def asked(self) -> slice:
+    def command_columns(self) -> slice:
         """Where the present commands stand."""
         return slice(len(self.joints), len(self.joints) + len(self.commands))
 
@@ -85,11 +85,11 @@ class Inputs:
         return [0, *(later + k * both for k in range(self.history - 1))]
 
     @property
-    def own(self) -> Integers:
+    def position_columns(self) -> Integers:
         """(k,) which of the inputs is the present position of each output."""
         return np.array([self.joints.index(j) for j in self.commands])
 
-    def seen(self, channels: Mapping[str, Array]) -> list[Array]:
+    def other_channels(self, channels: Mapping[str, Array]) -> list[Array]:
         """(b, m) each: the other channels that go in, from those that `looks_at` asks for."""
         picked = ((n, labels, _ANGLES.get(n, labels)) for n, labels in self.others.items())
         return [channels[n][:, [every.index(x) for x in labels]] for n, labels, every in picked]
@@ -125,13 +125,13 @@ class Rows:
     @property
     def held(self) -> Array:
         """(N, k) the present positions: what is predicted by holding the last value."""
-        return self.X[:, self.inputs.own]
+        return self.X[:, self.inputs.position_columns]
 
     def inverse(self) -> Rows:
         """Rows that ask which command led to the next positions: these stand where the commands stood."""
         X = np.array(self.X)
-        X[:, self.inputs.asked] = self.Y
-        return replace(self, X=X, Y=np.array(self.X[:, self.inputs.asked]))
+        X[:, self.inputs.command_columns] = self.Y
+        return replace(self, X=X, Y=np.array(self.X[:, self.inputs.command_columns]))
 
     def where(self, keep: Mask | Integers) -> Rows:
         """Some of the frames."""
@@ -238,7 +238,7 @@ def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[n
     # Before its first frame a run stood as it stands there.
     back = [np.maximum(np.arange(len(instants)) - k, 0) for k in range(inputs.history)]
     X = inputs.row([at[k] for k in back], [asked[k] for k in back], others)[:-1]
-    Y = at[1:, inputs.own]
+    Y = at[1:, inputs.position_columns]
     whole = np.asarray(np.isfinite(np.concatenate([X, Y], axis=1)).all(axis=1))
     gap = np.diff(instants) > MISSING * inputs.period
     for k in range(inputs.history):  # a gap spoils the frames after it too, as far as they look back

@@ -46,10 +46,10 @@ def relative(inputs: Inputs) -> list[Array]:
     return [np.concatenate([_pose(inputs), _motion(inputs, range(len(inputs.commands))), _others(inputs)], axis=1)]
 
 
-def own(inputs: Inputs) -> list[Array]:
+def joint_alone(inputs: Inputs) -> list[Array]:
     """The same of the predicted joint alone, and other channels."""
     pose, others, each = _pose(inputs), _others(inputs), range(len(inputs.commands))
-    return [np.concatenate([pose[:, [inputs.own[o]]], _motion(inputs, [o]), others], axis=1) for o in each]
+    return [np.concatenate([pose[:, [inputs.position_columns[o]]], _motion(inputs, [o]), others], axis=1) for o in each]
 
 
 def posed(inputs: Inputs) -> list[Array]:
@@ -59,7 +59,7 @@ def posed(inputs: Inputs) -> list[Array]:
 
 
 VIEWS: Mapping[str, Callable[[Inputs], list[Array]]] = {
-    "plain": plain, "relative": relative, "posed": posed, "own": own,
+    "plain": plain, "relative": relative, "posed": posed, "own": joint_alone,
 }  # fmt: skip
 """Name to the combinations of inputs that predictors take."""
 
@@ -76,7 +76,7 @@ def fitted(learner: Learner, rows: Rows, rng: np.random.Generator, view: str = "
     maps = view_named(view)(rows.inputs)
     base = np.zeros((len(rows.inputs.names), len(rows.inputs.commands)))
     if view != "plain" and moves:
-        base[rows.inputs.own, np.arange(len(rows.inputs.commands))] = 1.0
+        base[rows.inputs.position_columns, np.arange(len(rows.inputs.commands))] = 1.0
     left = rows.Y - rows.X @ base
     outputs = [slice(None)] if len(maps) == 1 else [slice(o, o + 1) for o in range(len(maps))]
     fits = [learner.fit(rows.X @ T, left[:, o], rng) for T, o in zip(maps, outputs, strict=True)]
@@ -103,7 +103,7 @@ def _motion(inputs: Inputs, outputs: range | list[int]) -> Array:
     """
     frames, j, columns = inputs.frames, len(inputs.joints), []
     for o in outputs:
-        place = int(inputs.own[o])
+        place = int(inputs.position_columns[o])
         columns.append(_unit(inputs, j + o) - _unit(inputs, place))
         for before, after in zip(frames[1:], frames, strict=False):
             columns.append(_unit(inputs, after + place) - _unit(inputs, before + place))

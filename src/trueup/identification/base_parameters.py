@@ -95,7 +95,7 @@ def base_parameters(stacked: Array, columns: tuple[str, ...], preference: ArrayL
     order = np.array(sorted(seen.tolist(), key=lambda k: (-wish[k], k)))
     R = np.asarray(np.linalg.qr(stacked[:, order] / scale[order], mode="r"))
     rank, least, most = _rank(R)
-    kept = _kept(R, rank, least, most)
+    kept = _independent(R, rank, least, most)
     rest = np.setdiff1d(np.arange(len(order)), kept)
     share = np.linalg.lstsq(R[:, kept], R[:, rest], rcond=None)[0]
     # Coefficients this near to 0 or 1 are that, but for angles in the file.
@@ -143,7 +143,7 @@ def _rank(R: Array) -> tuple[int, float, float]:
     return rank, float(pivots[rank - 1]), float(pivots[rank])
 
 
-def _kept(R: Array, rank: int, least: float, most: float) -> list[int]:
+def _independent(R: Array, rank: int, least: float, most: float) -> list[int]:
     """`rank` columns of R, each independent of those preferred to it. Raises ModelError where that is not clear."""
     smallest = max(most, np.finfo(float).eps / 100.0)
     low, high = np.log(smallest), np.log(least)  # between pivots that count and those that do not

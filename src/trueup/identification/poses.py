@@ -78,7 +78,7 @@ def joint_pose(
 
 
 @njit(cache=True, nogil=True)
-def put(of: Array, to: Array) -> None:
+def copy_row(of: Array, to: Array) -> None:
     """Copies a row (n,) to the first n entries of another: so written it compiles in a quarter of the time of a slice."""
     for i in range(len(of)):
         to[i] = of[i]

@@ -50,10 +50,10 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
+class _Commanded:
     """What a joint was told in one recording, (T,), every `step` s; (T, 4) where it was, how fast, which way, its load."""
 
-    told: Array
+    command: Array
     motion: Array
     step: float
 
@@ -69,7 +69,7 @@ def in_units_of_positions(
     lines = _lines(joints, drives, recordings, loads)
     if not lines:
         return list(recordings), []
-    return [_converted(r, lines, drives) for r in recordings], _said(lines, drives, recordings)
+    return [_converted(r, lines, drives) for r in recordings], _note(lines, drives, recordings)
 
 
 def check_commanded(
@@ -134,14 +134,14 @@ def _lines(
     return found
 
 
-def _at_one_lag(parts: Mapping[str, Sequence[_Told]]) -> dict[str, Line]:
+def _at_one_lag(parts: Mapping[str, Sequence[_Commanded]]) -> dict[str, Line]:
     """The line of each joint at the lag at which they follow best, which is that of all drives, nearly."""
     each = [{x: _line(told, late) for x, told in parts.items()} for late in np.arange(0.0, SETTLES, LOOK).tolist()]
     return max(each, key=lambda found: sum(line.likeness for line in found.values()))
 
 
 def _of_group(
-    joints: Mapping[str, Way], parts: Mapping[str, Sequence[_Told]], lines: Mapping[str, Line]
+    joints: Mapping[str, Way], parts: Mapping[str, Sequence[_Commanded]], lines: Mapping[str, Line]
 ) -> dict[str, Line]:
     """Lines of joints with one factor, as what is known counts; or as measured, where they agree so well that weight and
     friction do not move it. None where neither is so, or where the factor is one that a soft servo has in rad.
@@ -151,7 +151,7 @@ def _of_group(
         return {}
     seen = {}
     for x, line in lines.items():
-        told = np.concatenate([part.told for part in parts[x]])
+        told = np.concatenate([part.command for part in parts[x]])
         ends = float(np.nanmin(told)), float(np.nanmax(told))
         seen[x] = Seen(joints[x], line.per, line.zero, *ends, line.per_error / abs(line.per))
     known = known_scales([*seen.values()])
@@ -166,7 +166,10 @@ def _of_group(
 
 
 def _as_the_others(
-    joints: Mapping[str, Way], parts: Mapping[str, Sequence[_Told]], rest: Collection[str], lines: Mapping[str, Line]
+    joints: Mapping[str, Way],
+    parts: Mapping[str, Sequence[_Commanded]],
+    rest: Collection[str],
+    lines: Mapping[str, Line],
 ) -> dict[str, Line]:
     """Lines of hinges that hardly moved, or not as they were told, by the factor of the others where that is one."""
     one = next(iter(lines.values()))
@@ -182,8 +185,8 @@ def _as_the_others(
     return found
 
 
-def _parts(drives: Mapping[str, str], recordings: Sequence[Recording], loads: Loads) -> dict[str, list[_Told]]:
-    parts: dict[str, list[_Told]] = {}
+def _parts(drives: Mapping[str, str], recordings: Sequence[Recording], loads: Loads) -> dict[str, list[_Commanded]]:
+    parts: dict[str, list[_Commanded]] = {}
     for recording in recordings:
         command, position = _without_unit(recording), recording.channels.get("position")
         if command is None or position is None or len(position.time) < 2:
@@ -196,7 +199,7 @@ def _parts(drives: Mapping[str, str], recordings: Sequence[Recording], loads: Lo
             told, there = command.select([label]).at(position.time, hold=True)[:, 0], position.column(joint)
             speed = _speed(there, position.time)
             motion = np.column_stack([there, speed, np.sign(speed), pulls.get(joint, np.zeros_like(there))])
-            parts.setdefault(joint, []).append(_Told(told, motion, step))
+            parts.setdefault(joint, []).append(_Commanded(told, motion, step))
     return parts
 
 
@@ -207,7 +210,7 @@ def _speed(values: Array, time: Array) -> Array:
     return np.interp(time, at, speed)
 
 
-def _line(parts: Sequence[_Told], late: float) -> Line:
+def _line(parts: Sequence[_Commanded], late: float) -> Line:
     """What a joint was told `late` s before as a line of its positions, beside what a servo adds to go on, against friction,
     and, where that is seen, to hold its weight.
     """
@@ -223,7 +226,7 @@ def _line(parts: Sequence[_Told], late: float) -> Line:
     return Line(per, zero, float(np.hypot(error[0], between)), alike, per, late)
 
 
-def _beginning(parts: Sequence[_Told], line: Line, seen: Seen, scale: NumberScale) -> Line:
+def _beginning(parts: Sequence[_Commanded], line: Line, seen: Seen, scale: NumberScale) -> Line:
     """A line with the factor of a scale and its zero, unless its joint is at zero where none rests beside what it is told."""
     told, motion = _held(parts, line.late)
     per = math.copysign(scale.per, line.per)
@@ -232,12 +235,12 @@ def _beginning(parts: Sequence[_Told], line: Line, seen: Seen, scale: NumberScal
     return replace(line, per=per, zero=scale.zero if abs(scale.zero - zero) < seen.near * scale.per else zero)
 
 
-def _held(parts: Sequence[_Told], late: float) -> tuple[Array, Array]:
+def _held(parts: Sequence[_Commanded], late: float) -> tuple[Array, Array]:
     """(n,) what was told so long before, and (n, 4) motions, of all recordings."""
     rows = [np.zeros((0, 5))]
     for part in parts:
         shift = round(late / part.step)
-        row = np.column_stack([part.told[: max(len(part.told) - shift, 0)], part.motion[shift:]])
+        row = np.column_stack([part.command[: max(len(part.command) - shift, 0)], part.motion[shift:]])
         rows.append(row[np.isfinite(row).all(axis=1)])
     every = np.concatenate(rows)
     return every[:, 0], every[:, 1:]
@@ -283,7 +286,7 @@ def _converted(recording: Recording, lines: Mapping[str, Line], drives: Mapping[
     )
 
 
-def _said(lines: Mapping[str, Line], drives: Mapping[str, str], recordings: Sequence[Recording]) -> list[str]:
+def _note(lines: Mapping[str, Line], drives: Mapping[str, str], recordings: Sequence[Recording]) -> list[str]:
     """One sentence: the factors and how sure they are, what is known to count so, and what to write into the mapping."""
     commands = [c for c in map(_without_unit, recordings) if c is not None]
     labels = list(dict.fromkeys(x for c in commands for x in c.labels if drives.get(x) in lines))

@@ -24,7 +24,7 @@ def parted_at_pauses(recordings: Sequence[Recording], late: float = 0.0) -> tupl
     recording that would have no part left stays whole.
     """
 
-    def said(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
+    def note(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
         count = "a pause" if len(gaps) == 1 else f"{len(gaps)} pauses"
         return (
             f"'{recording.name}' has {count} without command and position ({spans}): what was commanded then is unknown; it "
@@ -33,7 +33,7 @@ def parted_at_pauses(recordings: Sequence[Recording], late: float = 0.0) -> tupl
 
     waits = f", {late:g} s behind a pause, when what was commanded in it has acted" if late else ""
 
-    return parted(recordings, pauses, said, late)
+    return parted(recordings, pauses, note, late)
 
 
 def parted(

@@ -35,13 +35,13 @@ class _Apart:
     joints: tuple[str, ...]
     position: Array
     """(T, k) rad or m."""
-    told: Array
+    commands: Array
     """(T, k) the commands in force then."""
 
     @property
     def apart(self) -> Array:
         """(T, k) position less command."""
-        return self.position - self.told
+        return self.position - self.commands
 
 
 def without_released(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -53,14 +53,14 @@ def without_released(recordings: Sequence[Recording]) -> tuple[list[Recording], 
         own = apart.get(recording)
         return [] if own is None else _released(own, np.array([usual[j] for j in own.joints]))
 
-    def said(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
+    def note(recording: Recording, gaps: Sequence[Gap], spans: str, parts: str) -> str:
         return (
             f"in '{recording.name}' no joint follows its command ({spans}; {_furthest(apart[recording], gaps, usual)}): "
             "the drives had let go, as after an emergency stop. That is left out, and it is replayed as "
             f"{parts}, each from where the robot was measured to be"
         )
 
-    return parted(recordings, released, said)
+    return parted(recordings, released, note)
 
 
 def _apart(recording: Recording) -> _Apart | None:
@@ -127,7 +127,7 @@ def _let_go(one: _Apart, begin: int, end: int, follows: Array) -> bool:
 
     `follows` (k,): how far joints are beside their commands elsewhere, at most.
     """
-    there, told = one.position[begin : end + 1], one.told[begin : end + 1]
+    there, told = one.position[begin : end + 1], one.commands[begin : end + 1]
     strayed: Mask = np.any(np.abs(there - told) > follows, axis=0)
     asked = np.ptp(told, axis=0) > 2.0 * follows  # so far that it shows whether they followed
     if not strayed[asked].all() or np.count_nonzero(strayed) < 2:

@@ -75,7 +75,7 @@ class Repeats:
     """s on their clock from which they have less in common with their average than the average moves; None: never."""
 
     @property
-    def said(self) -> str:
+    def summary(self) -> str:
         """The spread in words, and where runs disagree."""
         words = ", ".join(f"{name} {value:.2g}" for name, value in self.spread.items())
         said = f"repeats of '{self.average.name}' differ by {words} (standard deviation, rad or m)"
@@ -120,7 +120,7 @@ def together(recordings: Sequence[Recording], name: str = "") -> Repeats:
     if parted is None:
         return found
     average = found.average
-    return Repeats(average.replace(provenance=with_warnings(average.provenance, [found.said])), spread, parted)
+    return Repeats(average.replace(provenance=with_warnings(average.provenance, [found.summary])), spread, parted)
 
 
 def _parting(time: Array, mean: Array, between: Array) -> float | None:

@@ -47,7 +47,7 @@ def _stop(recordings: Sequence[Recording], joint: str, sign: float) -> tuple[flo
     """Where a joint is stopped on one side and how exactly that is seen, in rad or m; None where it is not. What holds a
     joint once may be anything.
     """
-    parts = [part for r in recordings for part in (_told(r, joint),) if part is not None]
+    parts = [part for r in recordings for part in (_commanded(r, joint),) if part is not None]
     if not parts:
         return None
     most, least = (f([sign * position for _, position, _, _ in parts]) for f in (_most, _least))
@@ -69,7 +69,7 @@ def _least(signals: Sequence[Array]) -> float:
     return min(float(s.min()) for s in signals)
 
 
-def _told(recording: Recording, joint: str) -> tuple[Array, Array, Array, float] | None:
+def _commanded(recording: Recording, joint: str) -> tuple[Array, Array, Array, float] | None:
     """Times in s, positions, commands (T,) of a joint and the positions' noise; None where either is missing."""
     command = command_of(recording)
     if command is None or not recording.has("position") or joint not in command.labels:

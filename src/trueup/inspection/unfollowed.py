@@ -75,7 +75,7 @@ class _Pair:
     """A joint's position and what it was told, (T,) each, every `step` s."""
 
     position: Array
-    told: Array
+    command: Array
     step: float
 
 
@@ -105,7 +105,7 @@ def _held(pairs: Sequence[_Pair], late: float) -> tuple[Array, Array]:
     ones, others = [np.zeros(0)], [np.zeros(0)]
     for pair in pairs:
         shift = round(late / pair.step)
-        one, other = pair.position[shift:], pair.told[: max(len(pair.told) - shift, 0)]
+        one, other = pair.position[shift:], pair.command[: max(len(pair.command) - shift, 0)]
         good = np.isfinite(one) & np.isfinite(other)
         if np.count_nonzero(good) > 1:
             ones.append(one[good] - one[good].mean())

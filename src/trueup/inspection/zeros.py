@@ -36,7 +36,7 @@ def far_beside(recordings: Sequence[Recording]) -> tuple[str, ...]:
             apart = _all_along(recording, joint)
             if abs(apart) > FAR:
                 found.setdefault(joint, {})[recording.name] = apart
-    return tuple(_said(joint, by) for joint, by in found.items())
+    return tuple(_sentence(joint, by) for joint, by in found.items())
 
 
 def _in_proportion(recordings: Sequence[Recording]) -> str:
@@ -63,7 +63,7 @@ def _in_proportion(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _said(joint: str, by: Mapping[str, float]) -> str:
+def _sentence(joint: str, by: Mapping[str, float]) -> str:
     apart = ", ".join(f"{each:+.3g}" for each in by.values())
     return (
         f"{joint} is measured {apart} rad (or m) beside its command, though it follows it ({', '.join(by)}). If its "

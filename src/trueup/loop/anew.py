@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from trueup.inspection.released import LONG
 from trueup.loop.descent import Look
-from trueup.loop.disturbed import LeftOut, Seen, disturbed, seen_by
+from trueup.loop.disturbed import Deviation, LeftOut, deviations_of, disturbed
 from trueup.loop.shoot import LONGER
 from trueup.loop.stages import Run
 from trueup.loop.windows import in_windows
@@ -19,7 +19,7 @@ ANEW = "begun anew"
 def undisturbed(run: Run) -> None:
     """Whether something acted on the robot, as soon as all recordings were looked at."""
     if _all_looked_at(run):
-        run.disturbed = disturbed(*_seen(run))
+        run.disturbed = disturbed(*_deviations(run))
 
 
 def begun_anew(run: Run) -> None:
@@ -33,7 +33,7 @@ def begun_anew(run: Run) -> None:
     """
     if not _all_looked_at(run):
         return
-    every, anew = _seen(run)
+    every, anew = _deviations(run)
     if not disturbed(every).gaps or disturbed(every, anew).gaps:
         return
     descent, length, longest = replace(run.descent), LONG, max(t.duration for t in run.coarse.trials)
@@ -42,7 +42,7 @@ def begun_anew(run: Run) -> None:
         part = in_windows(run.coarse, length)
         look = Look(ANEW, part, part, 5.0, 15)
         descent.descend(look)
-        if disturbed(seen_by(part, descent.space.from_unit(descent.point))).gaps:
+        if disturbed(deviations_of(part, descent.space.from_unit(descent.point))).gaps:
             break
         run.descent, run.look, run.disturbed = replace(descent), look, LeftOut(lasting=length)
         length *= LONGER
@@ -52,7 +52,7 @@ def _all_looked_at(run: Run) -> bool:
     return bool(run.looks) and run.look.problem.duration >= run.problem.duration
 
 
-def _seen(run: Run) -> tuple[list[Seen], Callable[[], list[Seen]]]:
+def _deviations(run: Run) -> tuple[list[Deviation], Callable[[], list[Deviation]]]:
     """How far joints are off where the search is, and a look at that in replays that begin anew every so often."""
     problem, values = run.look.problem, run.descent.space.from_unit(run.descent.point)
-    return seen_by(problem, values), lambda: seen_by(in_windows(problem, LONG), values)
+    return deviations_of(problem, values), lambda: deviations_of(in_windows(problem, LONG), values)

@@ -24,7 +24,7 @@ from trueup.loop.anew import ANEW
 from trueup.loop.changed import changes
 from trueup.loop.checks import check, doubtful_units
 from trueup.loop.chooser import Chooser
-from trueup.loop.disturbed import LeftOut, disturbed, seen_in
+from trueup.loop.disturbed import LeftOut, deviations_in, disturbed
 from trueup.loop.earlier import Earlier
 from trueup.loop.estimates import estimated, with_structure, with_ties
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
@@ -125,7 +125,7 @@ def calibrate(
     if chosen.undisturbed and more.gaps:
         shown = laid.replayed(found.values, judged := more.of(judged))
     warnings += doubtful_units((*training, *judged), shown)
-    told = (*warnings, *known.and_also(more).said(bool(chosen.undisturbed)), *changes(problem, found))
+    told = (*warnings, *known.and_also(more).sentences(bool(chosen.undisturbed)), *changes(problem, found))
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
     crossed = _cross_validation(problem, found, shown, chosen)
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,
@@ -180,7 +180,9 @@ class _Replayed:
     def disturbed(self, shown: Sequence[Replay], values: Array, hold_out: Sequence[Recording]) -> LeftOut:
         """What stands out of replays that are `shown`, and of such as begin anew every so often."""
         every = (*self.problem.recordings, *hold_out)
-        return disturbed(seen_in(shown, every), lambda: seen_in(self.replayed(values, hold_out, LONG), every))
+        return disturbed(
+            deviations_in(shown, every), lambda: deviations_in(self.replayed(values, hold_out, LONG), every)
+        )
 
 
 def _in_windows(options: Options, known: LeftOut, *, whole: bool) -> Options:

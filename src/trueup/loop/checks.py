@@ -65,7 +65,7 @@ def _disagreeing(training: Sequence[Recording]) -> list[str]:
     """Repeats of one command that part: what each does later is chance, and no parameter can replay all of them."""
     found = [together(group) for group in grouped(training) if all(r.has(c) for r in group for c in BASE)]
     return [
-        f"{f.said}: fit their average, which ends there (trueup.inspection.repeats.together), or a motion that repeats"
+        f"{f.summary}: fit their average, which ends there (trueup.inspection.repeats.together), or a motion that repeats"
         for f in found
         if f.parted is not None
     ]

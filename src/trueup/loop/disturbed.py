@@ -38,7 +38,7 @@ _JOINTS = "position"
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Deviation:
     """How far the joints of a recording are from their replay."""
 
     recording: Recording
@@ -51,7 +51,7 @@ class Seen:
     """(k,) one unit of it in rad or m."""
 
     @cached_property
-    def asked(self) -> Array:
+    def demand(self) -> Array:
         """(T, c, 2) how far each command goes within `LONG` before an instant, and how much its speed changes there at most
         (over `CUBIC`): what a model lacks of gears that twist grows with that.
         """
@@ -77,9 +77,9 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Where joints are far off: of the samples of `seen`, `first` to `last`."""
+    """Where joints are far off: of the samples of `deviation`, `first` to `last`."""
 
-    seen: Seen
+    deviation: Deviation
     first: int
     last: int
     times: Array
@@ -90,7 +90,7 @@ class _Stretch:
     @property
     def gap(self) -> Gap:
         """With what hangs on it before and behind."""
-        time = self.seen.time
+        time = self.deviation.time
         start = max(float(time[0]), float(time[self.first]) - 0.5 * LONG)
         return Gap(start, float(time[self.last]) + 0.5 * LONG - start)
 
@@ -98,15 +98,15 @@ class _Stretch:
         """Whether another is of the same recording and meets it in time."""
         own, its = self.gap, other.gap
         apart = own.start > its.start + its.duration or its.start > own.start + own.duration
-        return self.seen.recording is other.seen.recording and not apart
+        return self.deviation.recording is other.deviation.recording and not apart
 
     def words(self, rest: float) -> str:
         """When, and how far which joints are off, with `rest` of the others in times of what is usual."""
         far = [k for k in np.argsort(-self.times).tolist() if self.times[k] > UNUSUAL]
-        most = np.nan_to_num(self.seen.off[self.first : self.last + 1]).max(axis=0) * self.seen.unit
+        most = np.nan_to_num(self.deviation.off[self.first : self.last + 1]).max(axis=0) * self.deviation.unit
         unit = {"rad": "mrad", "m": "mm"}
-        units = [unit[self.seen.recording.channel(_JOINTS).unit_of(label)] for label in self.seen.labels]
-        named = ", ".join(f"{self.seen.labels[k]} by {1e3 * most[k]:.3g} {units[k]}" for k in far[:3])
+        units = [unit[self.deviation.recording.channel(_JOINTS).unit_of(label)] for label in self.deviation.labels]
+        named = ", ".join(f"{self.deviation.labels[k]} by {1e3 * most[k]:.3g} {units[k]}" for k in far[:3])
         return (
             f"{self.gap.start:.4g} ... {self.gap.start + self.gap.duration:.4g} s, {named}{' ...' * (len(far) > 3)}, "
             f"{self.excess / rest:.2g} times as far as anywhere else"
@@ -146,7 +146,7 @@ class LeftOut:
         """Whether any of these has such a stretch."""
         return any(r.name in found for found in self.gaps for r in recordings)
 
-    def said(self, done: bool) -> tuple[str, ...]:
+    def sentences(self, done: bool) -> tuple[str, ...]:
         """What was found, and whether that was `done` without."""
         if not done:
             return tuple(f"refused, and so not left out: {note}" for note in self.notes)
@@ -171,7 +171,7 @@ class LeftOut:
         return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]), kept.get("lasting") or np.inf)
 
 
-def seen_by(problem: Problem, values: Array) -> list[Seen]:
+def deviations_of(problem: Problem, values: Array) -> list[Deviation]:
     """The problem's recordings of joints beside their replays with values (n,)."""
     if not any(s.channel == _JOINTS for s in problem.segments):
         return []
@@ -183,7 +183,7 @@ def seen_by(problem: Problem, values: Array) -> list[Seen]:
             off = np.where(s.mask, np.abs(s.shaped(residual)), np.nan)
             parts.setdefault((s.recording, s.labels), []).append((time, off, s.scale))
     together = [
-        Seen(
+        Deviation(
             problem.recordings[k],
             labels,
             np.concatenate([t for t, _, _ in own]),
@@ -195,11 +195,11 @@ def seen_by(problem: Problem, values: Array) -> list[Seen]:
     return together if np.isfinite(residual).all() else []
 
 
-def seen_in(replays: Sequence[Replay], recordings: Sequence[Recording]) -> list[Seen]:
+def deviations_in(replays: Sequence[Replay], recordings: Sequence[Recording]) -> list[Deviation]:
     """Recordings of joints beside their replays `after`."""
     by_name = {r.name: r for r in recordings}
     return [
-        Seen(
+        Deviation(
             by_name[r.recording],
             r.labels,
             r.time + by_name[r.recording].start,
@@ -211,7 +211,7 @@ def seen_in(replays: Sequence[Replay], recordings: Sequence[Recording]) -> list[
     ]
 
 
-def disturbed(every: Sequence[Seen], anew: Callable[[], Sequence[Seen]] | None = None) -> LeftOut:
+def disturbed(every: Sequence[Deviation], anew: Callable[[], Sequence[Deviation]] | None = None) -> LeftOut:
     """Stretches in which something acted on the robot that the model does not have; none of robots on a free base, whose
     replays part by chance. With what is seen in replays that begin `anew` every so often, only stretches that stand out
     there as well: a replay may part for good although nothing acted, as that of a pole that goes over the top once more.
@@ -222,7 +222,7 @@ def disturbed(every: Sequence[Seen], anew: Callable[[], Sequence[Seen]] | None =
     if found and anew is not None:
         short, _ = _outstanding(anew())
         found = [s for s in found if any(s.meets(t) for t in short)]
-    own = {s.seen.recording.name: [t for t in found if t.seen is s.seen] for s in found}
+    own = {s.deviation.recording.name: [t for t in found if t.deviation is s.deviation] for s in found}
     gaps = {name: [(s.gap.start, s.gap.duration) for s in stretches] for name, stretches in own.items()}
     notes = tuple(
         f"in '{name}' something acted on the robot that the model does not have: a collision, a hand, drives that let go, or "
@@ -233,14 +233,14 @@ def disturbed(every: Sequence[Seen], anew: Callable[[], Sequence[Seen]] | None =
     return LeftOut((gaps,) if gaps else (), notes)
 
 
-def _outstanding(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
+def _outstanding(every: Sequence[Deviation]) -> tuple[list[_Stretch], float]:
     """Stretches that stand out, and how far joints are off anywhere else, in times of what is usual."""
     stretches, usual = _stretches(every)
     which, rest = outstanding([s.excess for s in stretches], usual)
     return sorted((stretches[k] for k in which), key=lambda s: s.first), rest
 
 
-def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
+def _stretches(every: Sequence[Deviation]) -> tuple[list[_Stretch], float]:
     """Where joints are far off and may have been disturbed, and how far they are anywhere else, in times of what is usual."""
     usual = _by_label(
         every, [one.off for one in every], lambda v: max(float(np.nanmedian(v)), half_interval(share=0.5))
@@ -260,10 +260,10 @@ def _stretches(every: Sequence[Seen]) -> tuple[list[_Stretch], float]:
     return found, rest
 
 
-def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
+def _unusual(every: Sequence[Deviation], seen: Deviation, first: int, last: int) -> float:
     """How many times as much as anywhere else was asked of some joint in a stretch; at least 1."""
     until = int(np.searchsorted(seen.time, seen.time[last] + LONG + 2.0 * CUBIC, side="right"))
-    rest = [one.asked if one is not seen else np.delete(one.asked, np.s_[first:until], axis=0) for one in every]
+    rest = [one.demand if one is not seen else np.delete(one.demand, np.s_[first:until], axis=0) for one in every]
     ratios = [1.0]
     for way in range(2):
         most = _by_label(
@@ -272,14 +272,14 @@ def _unusual(every: Sequence[Seen], seen: Seen, first: int, last: int) -> float:
             lambda values: float(values.max(initial=0.0)),
             lambda one: one.commands,
         )
-        inside = seen.asked[first : last + 1, :, way].max(axis=0)
+        inside = seen.demand[first : last + 1, :, way].max(axis=0)
         ratios += [float(v) / max(most[label], _LEAST) for label, v in zip(seen.commands, inside, strict=True)]
     return max(ratios)
 
 
 def _by_label(
-    every: Sequence[Seen], values: Sequence[Array], of: Callable[[Array], float],
-    labels: Callable[[Seen], Sequence[str]] = lambda one: one.labels,
+    every: Sequence[Deviation], values: Sequence[Array], of: Callable[[Array], float],
+    labels: Callable[[Deviation], Sequence[str]] = lambda one: one.labels,
 ) -> dict[str, float]:  # fmt: skip
     """One number for each joint (or other label), of its columns of the `values` (T, k) of all recordings."""
     columns: dict[str, list[Array]] = {}

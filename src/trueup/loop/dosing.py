@@ -64,12 +64,12 @@ class Ledger:
 
     def expected(self, grades: Integers, rng: np.random.Generator) -> Array:
         """(draws, b) what runs of each are worth, early ends taken off, for risks drawn from the posterior."""
-        shares = self.risks().drawn(self.grades.features[0, grades], _DRAWS, rng).sum(axis=2)
+        shares = self.risks().sample_shares(self.grades.features[0, grades], _DRAWS, rng).sum(axis=2)
         return (1.0 - shares) * self.worths(grades) - self.grades.cost * shares
 
     def early(self, grade: int, rng: np.random.Generator) -> tuple[float, float, float]:
         """Share of its runs from rest that is expected to end early, by all runs of all grades, and its 95 % interval."""
-        shares = self.risks().drawn(self.grades.features[0, [grade]], _MANY, rng).sum(axis=(1, 2))
+        shares = self.risks().sample_shares(self.grades.features[0, [grade]], _MANY, rng).sum(axis=(1, 2))
         low, high = np.quantile(shares, (0.025, 0.975))
         return float(shares.mean()), float(low), float(high)
 

@@ -83,18 +83,18 @@ def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
 def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArray[np.intp]) -> tuple[Array, float]:
     """The lowest point on lines along some axes, and its loss."""
 
-    def seen(columns: NDArray[np.intp], places: Array) -> tuple[Array, Array]:
+    def candidates(columns: NDArray[np.intp], places: Array) -> tuple[Array, Array]:
         points = np.repeat(point[None], len(columns), axis=0)
         points[np.arange(len(points)), columns] = places
         return points, losses_at(problem, space, points)
 
     # Ground friction counts in a narrow range only: above it a foot sticks, below it the robot slips away.
     places = np.linspace(0.05, 0.95, 28 if len(point) <= FEW else 10)
-    _, losses = seen(np.repeat(columns, len(places)), np.tile(places, len(columns)))
+    _, losses = candidates(np.repeat(columns, len(places)), np.tile(places, len(columns)))
     column, place = divmod(int(np.argmin(losses)), len(places))
     # Where it has no slope on one side of a place and too much on the other, what is best lies between two places.
     closer = np.clip(places[place] + np.linspace(-1.0, 1.0, 11) * (places[1] - places[0]), 0.0, 1.0)
-    points, losses = seen(np.full(len(closer), columns[column]), closer)
+    points, losses = candidates(np.full(len(closer), columns[column]), closer)
     best = int(np.argmin(losses))
     return points[best], float(losses[best])
 

@@ -77,11 +77,11 @@ def _information(task: Task, simulator: Simulator, belief: Belief, setting: Arra
     for rollout in simulator.rollout(task.trials, tiled, task.controllers):
         if rollout.failures:
             return np.zeros_like(total)  # a run that the simulator cannot finish is no experiment to plan on
-        total += _seen(rollout.held(), noise)
+        total += _information_in(rollout.held(), noise)
     return total
 
 
-def _seen(rollout: Rollout, noise: float) -> Array:
+def _information_in(rollout: Rollout, noise: float) -> Array:
     most = 400  # samples of a channel that are looked at; more tell the same
     rows = next(iter(rollout.channels.values())).shape[0]
     total = np.zeros((rows - 1, rows - 1))

@@ -154,8 +154,8 @@ def fit(
         if run.disturbed.any:
             break
     step = None if run.coarse is run.problem else run.coarse.simulator.step
-    notes = (*run.notes, *_approximated(run.found.near or run.coarse))
-    return replace(run.found, notes=notes, coarse_step=step, disturbed=run.disturbed)
+    notes = (*run.notes, *_approximated(run.fit.near or run.coarse))
+    return replace(run.fit, notes=notes, coarse_step=step, disturbed=run.disturbed)
 
 
 def _going_on(begun: Fit, kept: Mask, descent: Descent) -> Fit | None:

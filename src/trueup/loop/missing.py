@@ -168,7 +168,7 @@ def _grown(problem: Problem, found: Fit, look: Look, stages: Sequence[Stage]) ->
     """The fit with a structure, from where the score test has it; None where the simulation fails with it."""
     more = problem.simulator.parameters.parameters[len(found.space) :]
     space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
-    start = np.concatenate([look.own, [look.sizes.get(p.name, p.nominal) for p in more]])
+    start = np.concatenate([look.values, [look.sizes.get(p.name, p.nominal) for p in more]])
     try:
         return fit(problem, space, start, Watch(), stages=stages)
     except (CalibrationError, SimulationFailedError):
@@ -188,6 +188,6 @@ def _still(known: Known, found: Fit, structures: Mapping[str, Simulator]) -> Mis
 
 def _missing(problem: Problem, look: Look, grown: Fit, shown: Evidence) -> Missing:
     low, high = intervals(grown, unit_covariance(problem, grown))
-    parameters = tuple(p for p in grown.space.parameters[len(look.own) :] if not p.frozen)
+    parameters = tuple(p for p in grown.space.parameters[len(look.values) :] if not p.frozen)
     values = grown.values[grown.space.free]
     return Missing(look.name, parameters, values, low, high, shown, explains=explained(grown.residual))

@@ -26,7 +26,7 @@ from trueup.inspection.released import LONG
 from trueup.inspection.si import in_si
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
-from trueup.loop.disturbed import disturbed, seen_in
+from trueup.loop.disturbed import deviations_in, disturbed
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
@@ -65,7 +65,7 @@ class Preparation:
     """To fit, with the model's names and units."""
     hold_out: tuple[Recording, ...] = ()
     """To judge by."""
-    found: tuple[Note, ...] = ()
+    findings: tuple[Note, ...] = ()
     """What was seen and changed in model and recordings."""
     refuse: frozenset[str] = frozenset()
     """Names of diagnoses whose edits were not wanted."""
@@ -77,12 +77,12 @@ class Preparation:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was changed in model and recordings, and what to mind, in words."""
-        return tuple(str(note) for note in self.found)
+        return tuple(str(note) for note in self.findings)
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """What recordings show to be wrong or missing, with the edits made; refused by name with `prepare(refuse=...)`."""
-        return tuple(note for note in self.found if isinstance(note, Diagnosis))
+        return tuple(note for note in self.findings if isinstance(note, Diagnosis))
 
     def calibrate(
         self, options: Options | None = None, *, discrepancy: Discrepancy | None = None, progress: Progress | None = None,
@@ -222,7 +222,7 @@ class Preparation:
         shown = self.family.as_recorded(found, every)
         judged, nominal = tuple(dict.fromkeys(r.channel for r in found)), self.simulator.parameters.nominal
         ahead = () if predictions else predicted_ahead(self.simulator, nominal, every, judged)
-        acted = disturbed(seen_in(found, every), lambda: seen_in(replayed(every, LONG), every))
+        acted = disturbed(deviations_in(found, every), lambda: deviations_in(replayed(every, LONG), every))
         noted = acted.notes if NAME in self.family.diagnoses else ()
         return Comparison(shown, predictions, ahead, (*notes, *noted), broken)
 

@@ -24,7 +24,7 @@ class Restricted(InPlaceOf):
 
     @classmethod
     def to(cls, simulator: Simulator, patterns: Sequence[str]) -> Restricted:
-        """Only parameters that match a pattern stay free, and of the others that were nothing is known (`Parameter.asked`).
+        """Only what matches a pattern stays free, and of the others that were nothing is known (`Parameter.requested`).
 
         Raises UnknownNameError for a pattern that matches none.
         """
@@ -34,7 +34,7 @@ class Restricted(InPlaceOf):
                 raise unknown_name("parameter", pattern, names, f"simulator '{simulator.name}'")
         frozen = [n for n in names if not any(fnmatch.fnmatchcase(n, p) for p in patterns)]
         fewer, free = simulator.parameters.left_out(frozen).parameters, simulator.parameters.free
-        parameters = (p.replace(asked=p.asked and not (f and p.frozen)) for p, f in zip(fewer, free, strict=True))
+        parameters = (p.replace(asked=p.requested and not (f and p.frozen)) for p, f in zip(fewer, free, strict=True))
         return cls(simulator, ParameterSpace(tuple(parameters)))
 
     @property

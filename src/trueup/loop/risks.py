@@ -75,7 +75,7 @@ class Risks:
         """(b, w) in which runs end so, for rows (b, c), with the likeliest coefficients."""
         return _shares(np.clip(asked @ self.coefficients.T, -CERTAIN, CERTAIN))
 
-    def drawn(self, asked: Array, draws: int, rng: np.random.Generator) -> Array:
+    def sample_shares(self, asked: Array, draws: int, rng: np.random.Generator) -> Array:
         """(draws, b, w) of `shares`, each with coefficients from the posterior."""
         noise = rng.standard_normal((draws, self.coefficients.size)) @ np.linalg.cholesky(self.covariance).T
         each = (self.coefficients.ravel() + noise).reshape(draws, *self.coefficients.shape)

@@ -37,7 +37,7 @@ class Look:
     """How much lower the loss would be."""
     lower: float
     """How much lower errors would be: ln(error without / error with)."""
-    own: Array
+    values: Array
     """(n,) values of the simulator's own parameters, to fit them from."""
 
 
@@ -46,7 +46,7 @@ class Scan:
     """Recordings on which structures are looked at: all that were fitted, or some of them."""
 
     problem: Problem
-    found: Fit
+    fit: Fit
     chance: float
     """How much lower the loss of all that was fitted would be with one more parameter by chance alone."""
     _root: Array
@@ -81,7 +81,7 @@ class Scan:
     @cached_property
     def _before(self) -> float:
         """The loss without any structure, as it is replayed anew: what a fit corrected at starts is not in it."""
-        return self.left(self.problem.residuals(self.found.values[None])[0])
+        return self.left(self.problem.residuals(self.fit.values[None])[0])
 
     def left(self, residual: Array) -> float:
         """The loss of residuals (m,) once all else has settled."""
@@ -98,9 +98,9 @@ class Scan:
 
     def look(self, name: str, simulator: Simulator) -> Look:
         """The sizes of what a `simulator` has behind the parameters of the fit: each alone, then added, the best first."""
-        own, problem = len(self.found.space), self.problem.by(simulator)
+        own, problem = len(self.fit.space), self.problem.by(simulator)
         more = simulator.parameters.parameters[own:]
-        taken = np.concatenate([self.found.values, [p.nominal for p in more]])
+        taken = np.concatenate([self.fit.values, [p.nominal for p in more]])
         places = [_places(p) for p in more]
         rows = np.repeat(taken[None], 1 + sum(map(len, places)), axis=0)
         rows[np.arange(1, len(rows)), np.repeat(np.arange(own, len(taken)), [len(at) for at in places])] = (
@@ -123,9 +123,9 @@ class Scan:
         # A second joint within a gear replays worse where feet touch, though nothing twists: to make up for that is no gain.
         before = min(before, self._before)
         if not np.isfinite(lowest):  # nothing of it can be simulated
-            return Look(name, sizes, -np.inf, -np.inf, self.found.values)
+            return Look(name, sizes, -np.inf, -np.inf, self.fit.values)
         lower = 0.5 * float(np.log(max(before, TINY) / max(lowest, TINY)))
-        return Look(name, sizes, before - lowest, lower, self.found.values)
+        return Look(name, sizes, before - lowest, lower, self.fit.values)
 
 
 def missed(problem: Problem, found: Fit, held: Sequence[Parameter], need: float) -> list[Parameter]:

@@ -226,7 +226,7 @@ class _Judge:
     def structure(self, name: str) -> str:
         """Judges one optional structure; says what came of it."""
         shown = self.tried([p.name for p in self.free if p.optional == name])
-        return told(name, shown)
+        return verdict(name, shown)
 
     def tried(self, names: Sequence[str]) -> Evidence:
         """The evidence for parameters, which are frozen where it does not hold: by stretches and by settings."""
@@ -274,7 +274,7 @@ def elsewhere(problem: Problem, without: Fit, with_it: Fit) -> str:
     return ""
 
 
-def told(structure: str, shown: Evidence) -> str:
+def verdict(structure: str, shown: Evidence) -> str:
     """What came of an optional structure, in words."""
     if np.isinf(shown.gain):
         return f"{structure} kept: without it left-out recordings cannot be replayed"

@@ -28,16 +28,16 @@ def multiple_shooting(run: Run) -> None:
     values, starts = run.descent.space.from_unit(run.descent.point), run.starts
     if starts is not None:
         return _in_turns(run, starts, values, None)
-    starts = Starts.as_measured(run.seen, values)
-    ahead = starts.ahead(run.seen, values)
-    begun = starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)
+    starts = Starts.as_measured(run.smooth, values)
+    ahead = starts.ahead(run.smooth, values)
+    begun = starts.eliminated_from(run.smooth, values, bent=False, ahead=ahead)
     if not _matter(run, begun):
         return
-    before, problem, coarse, descent = run.found, run.problem, run.coarse, replace(run.descent)
+    before, problem, coarse, descent = run.fit, run.problem, run.coarse, replace(run.descent)
     scatter = start_scatter(problem.with_starts(begun.trials, begun.eliminated), before)
     _in_turns(run, starts, values, ahead)
     # With starts free the loss is no higher where slopes foretell it; where contacts make replays rugged, they do not.
-    if not run.found.loss <= before.loss:
+    if not run.fit.loss <= before.loss:
         run.problem, run.coarse, run.descent, run.ended = problem, coarse, descent, replace(before, scatter=scatter)
 
 
@@ -45,14 +45,14 @@ def _in_turns(run: Run, starts: Starts, values: Array, ahead: Ahead | None) -> N
     """Corrections of starts and the search of all else, until these move by no more than chance."""
     rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
     for left in reversed(range(rounds)):
-        begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
+        begun, ahead = starts.eliminated_from(run.smooth, values, ahead=ahead), None
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
         look = last_look(run.problem, run.coarse)
         run.go(replace(look, tolerance=1.0))  # no further than chance leads: corrections of starts will move it on
         values = run.descent.space.from_unit(run.descent.point)
-        starts, surprise = starts.corrected(run.seen, values)
-        if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
+        starts, surprise = starts.corrected(run.smooth, values)
+        if surprise < run.problem.chance(run.fit.residual) * len(run.descent.point):
             break
         # Elimination takes replays to be smooth in their starts, and they are not; windows are short for that reason.
         if left == rounds - 1 and not run.problem.windowed:
@@ -61,16 +61,16 @@ def _in_turns(run: Run, starts: Starts, values: Array, ahead: Ahead | None) -> N
     run.go(last_look(run.problem, run.coarse))
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
-    scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)
-    run.ended = replace(run.found, scatter=scatter, starts=starts, shot=run.problem)
+    scatter = (ratio - 1.0) * unit_covariance(run.problem, run.fit)
+    run.ended = replace(run.fit, scatter=scatter, starts=starts, shot=run.problem)
 
 
 def _lower_by_horizon(run: Run, starts: Starts, values: Array) -> tuple[Starts, Array]:
     """What `_by_horizon` leads to, if that is lower: the valley of a first part may end high up in the whole."""
-    point, before = run.descent.point, run.found.loss
+    point, before = run.descent.point, run.fit.loss
     led, there = _by_horizon(run, starts)
-    residual = led.eliminated_from(run.seen, there).residuals(there[None])
-    if float(np.nan_to_num(robust_losses(residual, run.found.bend), nan=np.inf)[0]) < before:
+    residual = led.eliminated_from(run.smooth, there).residuals(there[None])
+    if float(np.nan_to_num(robust_losses(residual, run.fit.bend), nan=np.inf)[0]) < before:
         return led, there
     run.descent.move(point)
     return starts, values
@@ -83,7 +83,7 @@ def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
     descent, longest, length = run.descent, max(t.duration for t in run.problem.trials), SHORTEST
     starts = replace(starts, amounts=np.zeros_like(starts.amounts))
     while True:
-        part, own = starts.first(run.seen, length)
+        part, own = starts.first(run.smooth, length)
         for wide in (True, False):  # slopes over what measurements leave open of starts, then over what replays do
             own = own.as_wide() if wide else own
             begun = own.eliminated_from(part, descent.space.from_unit(descent.point), bent=False)
@@ -108,7 +108,7 @@ def _matter(run: Run, begun: Problem) -> bool:
     """
     if not begun.eliminated:
         return False
-    fit = run.found
+    fit = run.fit
     scatter = start_scatter(run.problem.with_starts(begun.trials, begun.eliminated), fit)
     matter = not np.all(np.diag(scatter) < np.diag(unit_covariance(run.problem, fit)))
     if not matter:

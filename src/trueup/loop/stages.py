@@ -73,7 +73,7 @@ class Run:
         return None if part is None else part.at_step(self.coarse.simulator.step)
 
     @property
-    def seen(self) -> Problem:
+    def smooth(self) -> Problem:
         """Where small differences are seen: an approximation at the same step, if any."""
         return self.problem if self.coarse.approximate_part is None else self.coarse
 
@@ -87,7 +87,7 @@ class Run:
             self.short = run.space.from_unit(run.point)
         self.look, self.looks = look, self.looks + 1
         begins = self.looks == 1 and not (self.resumed or self.begun)
-        return self._searched(look, begins=begins, saved=_taken(self), again=again)
+        return self._searched(look, begins=begins, saved=_take_saved(self), again=again)
 
     def again(self) -> None:
         """Goes through the last look once more from there, with other parameters free."""
@@ -108,7 +108,7 @@ class Run:
             self._searched(self.look)
 
     @property
-    def found(self) -> Fit:
+    def fit(self) -> Fit:
         """Where slopes have led, or what later stages made of it."""
         if self.ended is None:
             self.ended = self.descent.finished(self.look)
@@ -171,7 +171,7 @@ def refinement(run: Run) -> None:
     """
     run.resumed = True  # nothing is to be moved off its bound
     if run.starts is None:
-        run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True), again=True)
+        run.go(Look("refinement", run.problem, run.smooth, 1.0, 20, last=True), again=True)
 
 
 def as_it_came(run: Run) -> None:
@@ -238,7 +238,7 @@ def evolution(run: Run) -> None:
 
 def evolve_first(run: Run, short: bool = True) -> None:
     """CMA-ES before anything else, briefly."""
-    saved, descent = _taken(run), run.descent
+    saved, descent = _take_saved(run), run.descent
     descent.move(evolved(run.first, descent.space, run.start, descent.watch, run.seed, short=short, saved=saved))
 
 
@@ -251,17 +251,17 @@ def implicit_filtering(run: Run) -> None:
     """Wide differences lead further down where the loss has stairs; not where so much was recorded that joints are searched
     alone: every look would cost the engine minutes. Nor where slopes are wide already: these would be lost.
     """
-    if run.found.weighed or run.coarse.approximate_part is not None:
+    if run.fit.weighed or run.coarse.approximate_part is not None:
         return
-    run.descent.watch.saw("around the optimum", run.problem, run.found.loss, run.problem.rmse(run.found.residual))
-    run.ended = widened(run.problem, run.found, run.seed, run.descent.robust)
+    run.descent.watch.saw("around the optimum", run.problem, run.fit.loss, run.problem.rmse(run.fit.residual))
+    run.ended = widened(run.problem, run.fit, run.seed, run.descent.robust)
 
 
 def probing(run: Run) -> None:
     """What jumps around the optimum add to its uncertainty, and lower places beyond them."""
-    run.ended = probed(run.found.near or run.problem, run.found, run.seed)
+    run.ended = probed(run.fit.near or run.problem, run.fit, run.seed)
 
 
-def _taken(run: Run) -> dict[str, Any] | None:
+def _take_saved(run: Run) -> dict[str, Any] | None:
     saved, run.saved = run.saved, None
     return saved

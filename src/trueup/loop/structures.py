@@ -18,7 +18,7 @@ from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence, explained
 from trueup.loop.apart import Part, parts_of
 from trueup.loop.descent import Descent, Fit, Look, Watch
-from trueup.loop.selection import compared, elsewhere, told
+from trueup.loop.selection import compared, elsewhere, verdict
 from trueup.loop.validate import foretold, settled_loss
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
@@ -69,7 +69,7 @@ def grown(
                 if left.loss < without.loss:
                     descent, without, errors = replace(again, watch=descent.watch), left, foretold(look.problem, left)
                     shown = _compared(errors, lower)
-            note = told(structure, shown)
+            note = verdict(structure, shown)
             refuted = elsewhere(look.problem, without, with_it) if shown.holds else ""
             if refuted:
                 note = f"{structure} left out: {refuted}"
@@ -97,11 +97,11 @@ def still_needed(descent: Descent, look: Look, structure: str, names: Sequence[s
     without, left = min(tried, key=lambda t: t[1].loss)
     shown = _compared(foretold(look.problem, left), foretold(look.problem, with_it))
     if shown.holds and with_it.loss < left.loss:
-        return descent, told(structure, shown)
+        return descent, verdict(structure, shown)
     note = (
         f"{structure} left out: without it the recordings are replayed better"
         if shown.holds
-        else told(structure, shown)
+        else verdict(structure, shown)
     )
     return replace(without, watch=descent.watch), note
 

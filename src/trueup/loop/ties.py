@@ -92,14 +92,14 @@ class Considered:
 
 def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considered, ...]:
     """What the estimates owe to the simulation's step, to each related quantity that is not calibrated, to those that nobody
-    asked for (`Parameter.asked`), and to those that are calibrated and yet stay open by their `covariance` in the unit box
-    (n_free, n_free), from slopes along a part of the motion.
+    asked for (`Parameter.requested`), and to those that are calibrated and yet stay open by their `covariance` in the unit
+    box (n_free, n_free), from slopes along a part of the motion.
     """
     related = related_of(problem.simulator)
     other = None if related is None else related.related()
     more = () if other is None else other.parameters.parameters[len(fit.values) :]
     free = np.flatnonzero(fit.space.free)
-    beside = [i for i, p in enumerate(fit.space.parameters) if p.frozen and not p.asked]
+    beside = [i for i, p in enumerate(fit.space.parameters) if p.frozen and not p.requested]
     places = [*free, *beside]
     parameters = [*(fit.space.parameters[i] for i in places), *more]
     nominal = [*fit.values[places].tolist(), *(p.nominal for p in more)]
@@ -207,7 +207,7 @@ def nuisance(others: Sequence[Considered]) -> Nuisance | None:
     """Of what nobody asked for among `others`, all together: where it is as likely as a normal posterior has it, about the
     values of the model. What replays best may be elsewhere, and both are held (the second moment about the model's values).
     """
-    own = [c for c in others if not c.parameter.asked]
+    own = [c for c in others if not c.parameter.requested]
     if not own:
         return None
     left, ranges = np.array([c.left for c in own]), np.array([c.parameter.upper - c.parameter.lower for c in own])

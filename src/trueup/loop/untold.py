@@ -59,7 +59,7 @@ def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> De
     """
     found = descent.finished(look)
     wider = _Wider.of(look.cheap, found, [_in_value(p) for p in untold.values()])
-    told = wider.told(look.problem)
+    told = wider.identified(look.problem)
     promise, reached = wider.promise(told) if told else (0.0, {})
     if not told or promise < look.problem.chance(found.residual) * len(told):
         return None
@@ -156,7 +156,7 @@ class _Wider:
         scatter = None if self.fit.scatter is None else np.pad(self.fit.scatter, (0, jacobian.shape[1] - n))
         return unit_covariance(problem, replace(self.fit, jacobian=jacobian, scatter=scatter))
 
-    def told(self, problem: Problem) -> set[str]:
+    def identified(self, problem: Problem) -> set[str]:
         """Names of those that the recordings tell with all else free; of several that stand for one another those with the
         strongest effects.
         """

@@ -140,7 +140,7 @@ def weighing(run: Run) -> None:
     linearization does not reach so far (M. Raitoharju, L. Svensson, A. F. Garcia-Fernandez and R. Piche, IEEE Signal
     Processing Letters 25(4), 2018, damp steps of the same kind).
     """
-    fit = run.weighed or run.found
+    fit = run.weighed or run.fit
     if fit.starts is None or not run.problem.windowed or not carried(run.problem) or not len(fit.unit):
         return
     space, bend, rng = fit.space, fit.bend, np.random.default_rng(run.seed)

@@ -97,7 +97,7 @@ def _chosen(choice: Choice | None, space: ParameterSpace) -> ParameterSpace:
     """Those that are worth it free. Raises CalibrationError where none is."""
     if choice is None:
         return space
-    if not choice.taken:
+    if not choice.chosen:
         raise CalibrationError(f"nothing is worth calibrating on these recordings: {choice.notes[1]}")
     return choice.of(space)
 

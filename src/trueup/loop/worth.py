@@ -31,10 +31,10 @@ class Worth:
     """What is to be thought of one parameter."""
 
     name: str
-    taken: bool
+    chosen: bool
     effect: float
     """How far the outcome moves where the parameter is as wrong as it may well be, root mean square, in residuals."""
-    told: float
+    information: float
     """Share of that doubt which the recordings take away, were it alone."""
     why: str
 
@@ -49,23 +49,23 @@ class Choice:
     """Error of the outcome, root mean square, in residuals: with none calibrated, with those taken, with all."""
 
     @property
-    def taken(self) -> tuple[str, ...]:
+    def chosen(self) -> tuple[str, ...]:
         """Their names."""
-        return tuple(w.name for w in self.rows if w.taken)
+        return tuple(w.name for w in self.rows if w.chosen)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """All of it in words."""
         none, some, everything = self.expected
         first = (
-            f"{len(self.taken)} of {len(self.rows)} parameters are worth calibrating: the outcome is expected to be off by "
+            f"{len(self.chosen)} of {len(self.rows)} parameters are worth calibrating: the outcome is expected to be off by "
             f"{some:.2g} residuals (by {everything:.2g} with all of them, by {none:.2g} with none)"
         )
-        return (first, *(f"{w.name} {'taken' if w.taken else 'left'}: {w.why}" for w in self.rows))
+        return (first, *(f"{w.name} {'taken' if w.chosen else 'left'}: {w.why}" for w in self.rows))
 
     def of(self, space: ParameterSpace) -> ParameterSpace:
         """The space without the others."""
-        return space.left_out([w.name for w in self.rows if not w.taken])
+        return space.left_out([w.name for w in self.rows if not w.chosen])
 
 
 def worth_calibrating(

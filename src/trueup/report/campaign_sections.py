@@ -32,7 +32,7 @@ from trueup.report.parts import (
     sentences,
     table,
 )  # fmt: skip
-from trueup.told import is_told
+from trueup.watched_run import is_watched
 
 
 def campaign_sections(
@@ -76,7 +76,7 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
             ("ink", "hollow: what was expected" if history.on_robot else "best so far; hollow: what the simulator expected")),
         score_figure(history), *([grades_shown(history)] if history.on_robot else []),
     ]  # fmt: skip
-    if tracks and all(is_told(t.best) for t in tracks):
+    if tracks and all(is_watched(t.best) for t in tracks):
         parts.append(
             caption("There is no picture of what it did: its runs were watched, not logged. What was seen is below.")
         )
@@ -89,7 +89,7 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
                 *([("faint", "the path to follow")] if any(t.wanted is not None for t in tracks) else []),
             ),
         ]
-        parts += [track_figure(t) for t in tracks if not is_told(t.best)]
+        parts += [track_figure(t) for t in tracks if not is_watched(t.best)]
         said = "Positions as they were recorded, of the last run with each of these settings."
         if any(t.wanted is not None for t in tracks):
             said += (

@@ -53,7 +53,7 @@ def write_replay_report(
         Section("which", "Which?", "Which recording, which joint?",
                 join(_table(g, [a for a in ahead if a.channel == g[0].channel], against) for g in groups)),
         Section("look", "Look", "What does it look like? The worst first", drawn),
-        Section("made", "Made of", "What was replayed, and how?", _made(notes, context or {})),
+        Section("made", "Made of", "What was replayed, and how?", _context(notes, context or {})),
     ]  # fmt: skip
     subtitle = [counted(len({r.recording for r in replays}), "recording"), f"beside {against}" if against else ""]
     write_aside(page("campaign.html", f"Replay by {model}", subtitle, parts, style=_STYLE), path)
@@ -125,7 +125,7 @@ def ahead_of(ahead: Sequence[Ahead], seen: set[tuple[str, str]], count: int) -> 
     return found
 
 
-def _made(notes: Sequence[str], context: Mapping[str, str]) -> Markup:
+def _context(notes: Sequence[str], context: Mapping[str, str]) -> Markup:
     said = tag("ul", [tag("li", note) for note in notes], class_="sentences") if notes else None
     return join([x for x in (said, context_table(context)) if x])
 

@@ -126,7 +126,7 @@ def tallied(rollout: Rollout, speeds: Sequence[Sequence[float]], laps: int, fell
             tally[k, :2] += len(part), np.log(part).sum()
         if len(done) < laps:
             known = pitch[row][np.isfinite(pitch[row])]
-            forward = rollout.told[row].forward if row in rollout.told else 0.5
+            forward = rollout.watched[row].forward if row in rollout.watched else 0.5
             forward = float(known[-1] > 0.0) if fell[row] and len(known) else forward
             tally[min(len(done), 1), 2:] += forward, 1.0 - forward
     return tally

@@ -18,8 +18,8 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.evaluation.evaluator import Evaluator, Here, Outcome, Work
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.told import is_told, told
 from trueup.trial import Observed, Trial
+from trueup.watched_run import is_watched, watched_run
 
 
 class Task(Protocol):
@@ -260,7 +260,7 @@ def as_rollout(trial: Trial, recordings: Sequence[Recording], candidate: Array |
     known = ((row, r, end_of(r, trial.ends)) for row, r in enumerate(recordings))
     ends = {row: Ended(e.at - r.start + trial.start, e.name) for row, r, e in known if e is not None}
     settings = None if candidate is None else np.tile(candidate, (len(recordings), 1))
-    seen = {row: told(r, trial.watched) for row, r in enumerate(recordings) if trial.watched and is_told(r)}
+    seen = {row: watched_run(r, trial.watched) for row, r in enumerate(recordings) if trial.watched and is_watched(r)}
     rollout = Rollout(trial, channels, {}, ends, settings, seen)
     for name, values in channels.items():
         values[~rollout.lasted(name)] = np.nan
@@ -269,7 +269,7 @@ def as_rollout(trial: Trial, recordings: Sequence[Recording], candidate: Array |
 
 def _read(recording: Recording, trial: Trial, name: str, o: Observed) -> Array:
     """(T, k) one observed channel; NaN where people told what they saw in place of a log."""
-    if trial.watched is not None and is_told(recording):
+    if trial.watched is not None and is_watched(recording):
         return np.full((len(o.time), len(o.labels)), np.nan)
     instants = o.time - trial.start + recording.start
     return recording.channel(name).select(o.labels).at(instants, hold=name.startswith("command"))

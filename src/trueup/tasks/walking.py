@@ -272,7 +272,7 @@ class LineWalk(AheadWalk):
         """See AheadWalk."""
         time, start = rollout.trial.observed[PLACE].time, rollout.trial.start
         arrived = {row: end.at for row, end in rollout.ends.items() if end.name == ARRIVED}
-        places, seen = rollout.channels[PLACE][:, :, 0], rollout.told
+        places, seen = rollout.channels[PLACE][:, :, 0], rollout.watched
         return [
             told_speeds(seen[k].seconds, self.line) if k in seen
             else lap_speeds(time, x, self.line, self.laps, start, arrived.get(k))
@@ -288,7 +288,7 @@ def gone(rollout: Rollout) -> Array:
     """(b,) m ahead at the end of each run."""
     x = rollout.held().channels[PLACE][:, :, 0]
     far = x[:, -1] - x[:, 0]
-    far[list(rollout.told)] = [seen.metres for seen in rollout.told.values()]
+    far[list(rollout.watched)] = [seen.metres for seen in rollout.watched.values()]
     return far
 
 

@@ -16,7 +16,7 @@ from trueup.rounding import PRINTED
 from trueup.samples import wrapped
 from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
-from trueup.tracking.joined import end_to_end, joined, sudden, there_and_back, told
+from trueup.tracking.joined import end_to_end, joined, notes_on_jumps, sudden, there_and_back
 from trueup.tracking.place import fresh, place_of, tells_place
 from trueup.tracking.reversing import as_heading, driven_back
 from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
@@ -49,7 +49,7 @@ def cleaned(
     """
     position, heading, measured, good, jumps, notes = _tracked(recording)
     if heading is None:
-        notes += [*_lost(measured & ~good), *told(position, jumps)]
+        notes += [*_lost(measured & ~good), *notes_on_jumps(position, jumps)]
         back = driven_back(recording, position)
         gyro = recording.channel("yaw_rate") if recording.has("yaw_rate") else None
         heading = None if gyro is None else turned_with(position, gyro, good, back)
@@ -62,7 +62,7 @@ def cleaned(
         every, away = there_and_back(position, sorted({*jumps, *sudden(position, heading, good)}))
         position, heading = joined(position, heading, every)
         good &= ~away
-        notes += [*_lost(measured & ~good), *turned, *told(position, every)]
+        notes += [*_lost(measured & ~good), *turned, *notes_on_jumps(position, every)]
         back = backing(position, heading, good) & (not backs)
         good &= ~back
         share = f"{100 * float(back.mean()):.1f} % of the poses are of driving backwards and were left out"

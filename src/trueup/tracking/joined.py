@@ -106,7 +106,7 @@ def joined(position: Channel, heading: Channel, jumps: Sequence[tuple[int, int]]
     return position.replace(values=poses[:, :2]), heading.replace(values=poses[:, 2:])
 
 
-def told(position: Channel, jumps: Sequence[tuple[int, int]]) -> list[str]:
+def notes_on_jumps(position: Channel, jumps: Sequence[tuple[int, int]]) -> list[str]:
     """What to say of jumps that were joined, if anything."""
     if not jumps:
         return []

@@ -30,7 +30,7 @@ class DartRobots(Articulated):
         """The model in a file. Raises ModelError, and MissingExtraError where dartpy is not installed."""
         return of(super().load(path)).file
 
-    def made(
+    def engine_simulator(
         self, model: Model, lines: Sequence[Declaration], names: Mapping[str, Sequence[str]], gains: Gains, step: float,
         *, declared: bool,
     ) -> tuple[ArticulatedSimulator, tuple[Note, ...]]:  # fmt: skip

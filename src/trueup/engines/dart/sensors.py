@@ -64,12 +64,12 @@ class Sensors:
             mujoco.mj_sensorVel(model, data)
             seen[row] = data.sensordata
             for name, columns in self.columns.items():
-                own = self._own(name, row, force[row], gravity[row])
+                own = self._reading(name, row, force[row], gravity[row])
                 if own is not None:
                     seen[row, columns] = own
         return seen
 
-    def _own(self, name: str, row: int, force: Array, gravity: Array) -> Array | float | None:
+    def _reading(self, name: str, row: int, force: Array, gravity: Array) -> Array | float | None:
         """What DART says of a sensor, None where MuJoCo has said it."""
         model, sensor = self._model, self._model.sensor(name)
         kind, number = int(sensor.type[0]), int(sensor.objid[0])

@@ -84,7 +84,7 @@ class Acts:
         """Commands (b, n, nu) of one trial from step `at` on as they arrive."""
         return self._noises[k].add(at, self._step, commands)
 
-    def seen(
+    def observation(
         self, k: int, now: float, rows: Integers, channels: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     ) -> Observation:
         """What the controllers of one trial see, of which `rows` still run; the others as they ended.

@@ -183,10 +183,10 @@ class Articulated(Family):
                  "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels))}  # fmt: skip
         known = {**model.settings(), **read_gains(request.parameters)}
         gains, named = Gains.named_by(everything, known, {} if model.guessed else _stiffness(model))
-        simulator, more = self.made(model, lines, names, gains, request.step or STEP, declared=declared)
+        simulator, more = self.engine_simulator(model, lines, names, gains, request.step or STEP, declared=declared)
         return simulator, (*notes, *proposed, *named, *more)
 
-    def made(
+    def engine_simulator(
         self, model: Model, lines: Sequence[Declaration], names: Mapping[str, Sequence[str]], gains: Gains, step: float,
         *, declared: bool,
     ) -> tuple[Any, tuple[Note, ...]]:  # fmt: skip
@@ -210,7 +210,7 @@ class Articulated(Family):
         if free_joint(model.compiled) < 0:
             return simulator
         lines, names = whole_body_lines(model), {"channel": (POSITION, ORIENTATION)}
-        other, _ = self.made(model, lines, names, simulator.gains, simulator.step, declared=False)
+        other, _ = self.engine_simulator(model, lines, names, simulator.gains, simulator.step, declared=False)
         return other.with_parameters(as_wrong_as_may_be(model, other.parameters, other.quantities))
 
     def file_of(self, simulator: Any) -> Model:

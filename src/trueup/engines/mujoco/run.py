@@ -125,7 +125,7 @@ class Run:
         return [
             Rollout(
                 trial,
-                {name: self._seen(k, name) for name in self.out[k]},
+                {name: self._measured(k, name) for name in self.out[k]},
                 self.failures[k],
                 self.ends[k],
                 self.settings,
@@ -133,7 +133,7 @@ class Run:
             for k, trial in enumerate(self.trials)
         ]
 
-    def _seen(self, k: int, name: str) -> Array:
+    def _measured(self, k: int, name: str) -> Array:
         """(b, T, k) a channel as it is measured: a quaternion as angles, in the turn in which they were measured; noisy."""
         trial, values = self.trials[k], self.out[k][name]
         if self.sources[k][name].turned:

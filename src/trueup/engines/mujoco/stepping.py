@@ -80,7 +80,7 @@ class Stepper:
         shapes = {f: ((1,) if f == "time" else b.shape[1:], b.dtype) for f, b in bound.items()}
         out = {f: _blank((len(rows), count, *shape), kind) for f, (shape, kind) in shapes.items()}
         planned = {k: self._planned(k, at, count) for k in self._open(rows)}
-        mine = {k: self._own(k, rows) for k in self._loops}
+        mine = {k: self._rows_of(k, rows) for k in self._loops}
         parts = dict[int, dict[str, Array]]()  # to record into, by length
         done = 0
         while done < count:
@@ -110,11 +110,11 @@ class Stepper:
         for k, loop in self._loops.items():
             own = mine[k]
             if len(own) and loop.due <= now:
-                loop.ask(self._acts.seen(k, now * self._step, own, loop.looks_at))
+                loop.ask(self._acts.observation(k, now * self._step, own, loop.looks_at))
                 if loop.push is not None:
                     self._acts.force(k, *loop.push)
 
-    def _own(self, k: int, rows: Integers) -> Integers:
+    def _rows_of(self, k: int, rows: Integers) -> Integers:
         """Those of `rows` that belong to one trial."""
         first, last = np.searchsorted(rows, (k * self._candidates, (k + 1) * self._candidates))
         return rows[first:last]
@@ -133,7 +133,7 @@ class Stepper:
         for k in range(int(rows[-1]) // self._candidates + 1):
             if k in planned:
                 parts.append(planned[k])
-            elif len(self._own(k, rows)):
+            elif len(self._rows_of(k, rows)):
                 parts.append(self._acts.disturbed(k, at, self._loops[k].commands(at, n)))
             else:
                 parts.append(np.zeros((self._candidates, n, self._width)))

@@ -15,7 +15,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules.names import stem, words
-from trueup.formats.rules.proposal import Proposal, own
+from trueup.formats.rules.proposal import Proposal, unchanged
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import Table, listing
 
@@ -121,14 +121,14 @@ def without_guided(proposals: Sequence[Proposal], columns: Sequence[Column]) -> 
     """What steers or drives along lines of a guidance is put aside: it is a vehicle's, and no joint's."""
     if not _guided(columns):
         return list(proposals)
-    return [own(p.column) if p.role and _STEERED & set(words(p.column.name)) else p for p in proposals]
+    return [unchanged(p.column) if p.role and _STEERED & set(words(p.column.name)) else p for p in proposals]
 
 
 def _guided(columns: Sequence[Column]) -> bool:
     return any(said <= set(words(column.name)) for column in columns for said in _GUIDED)
 
 
-def said(columns: Sequence[Column], used: Sequence[Column]) -> list[str]:
+def notes(columns: Sequence[Column], used: Sequence[Column]) -> list[str]:
     """Which columns are an autopilot's or a guidance's and were left out, why, and what to do; `used`: those of a vehicle."""
     left = [column for column in columns if column not in used]
     notes = []

@@ -115,13 +115,13 @@ class _Part:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _BaseChannel:
     """One channel of a pose."""
 
     columns: tuple[Column, ...]
     labels: tuple[str, ...]
     unit: str
-    said: bool
+    declares_unit: bool
     """Whether the log itself says the unit."""
 
 
@@ -129,7 +129,7 @@ class _Found:
 class Pose:
     """The channels of a base's pose, which groups of columns they were, and what to say of it."""
 
-    channels: Mapping[str, _Found]
+    channels: Mapping[str, _BaseChannel]
     groups: frozenset[str]
     notes: tuple[str, ...]
 
@@ -159,8 +159,10 @@ def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
                 f"{', '.join(sorted(used))}: no pose of a base, as the quaternion's length is not 1: is it one?"
             )
             continue
-        found = {POSITION: _found(groups, places, PLACES), ORIENTATION: _found(groups, turn, labels)}
-        notes += [f"{n}: taken as {f.unit}; say so if it is anything else" for n, f in found.items() if not f.said]
+        found = {POSITION: _base_channel(groups, places, PLACES), ORIENTATION: _base_channel(groups, turn, labels)}
+        notes += [
+            f"{n}: taken as {f.unit}; say so if it is anything else" for n, f in found.items() if not f.declares_unit
+        ]
         return Pose(found, used, tuple(dict.fromkeys(notes)))
     return Pose({}, frozenset(), tuple(dict.fromkeys(notes or _half(every))))
 
@@ -257,7 +259,9 @@ def order(group: Sequence[Column]) -> str:
     return upright[0] if len(upright) == 1 else "wxyz" if first >= last else "xyzw"
 
 
-def _found(groups: Mapping[str, Sequence[Column]], parts: Sequence[_Part], labels: tuple[str, ...]) -> _Found:
+def _base_channel(
+    groups: Mapping[str, Sequence[Column]], parts: Sequence[_Part], labels: tuple[str, ...]
+) -> _BaseChannel:
     """The channel of these parts: single columns in the order of `labels`, or one list-valued column with labels."""
     group = groups[parts[0].group]
     if all(column.width == 1 for column in group):
@@ -265,7 +269,7 @@ def _found(groups: Mapping[str, Sequence[Column]], parts: Sequence[_Part], label
     else:
         columns, bare = tuple(group), {part.at: label for part, label in zip(parts, labels, strict=True)}
         labels = tuple(bare[i] for i in range(len(bare)))
-    return _Found(columns, labels, *_unit(columns, set(labels)))
+    return _BaseChannel(columns, labels, *_unit(columns, set(labels)))
 
 
 def _unit(columns: Sequence[Column], labels: set[str]) -> tuple[str, bool]:

@@ -14,7 +14,7 @@ from trueup.formats.rules.bases import SOURCES, of_place, quaternions
 from trueup.formats.rules.families import Named
 from trueup.formats.rules.inertial import INERTIAL, sensor_labels
 from trueup.formats.rules.names import AXES, TOOLS, taken_apart, words
-from trueup.formats.rules.proposal import Proposal, own, threes
+from trueup.formats.rules.proposal import Proposal, threes, unchanged
 from trueup.formats.rules.rule import Column, Example
 from trueup.formats.table import listing
 
@@ -129,7 +129,7 @@ def without_other_signals(proposals: Sequence[Proposal], named: Mapping[Column, 
         joint = p.column in named or any(x == p.label for _, x in told)
         return not joint and any(x in p.label and {*words(x)} < {*words(p.label)} for _, x in told)
 
-    return [own(p.column) if only and is_other(p) else p for p, only in zip(proposals, implied, strict=True)]
+    return [unchanged(p.column) if only and is_other(p) else p for p, only in zip(proposals, implied, strict=True)]
 
 
 def without_doubles(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -149,7 +149,7 @@ def without_doubles(proposals: Sequence[Proposal]) -> list[Proposal]:
         labels = {p.label for p in by_word[first]}
         doubles = (each for said, each in by_word.items() if said != first and labels >= {p.label for p in each})
         aside |= {p.column for each in doubles for p in each}
-    return [own(p.column) if p.column in aside else p for p in proposals]
+    return [unchanged(p.column) if p.column in aside else p for p in proposals]
 
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -178,7 +178,7 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
         whole = p.label not in labels and _along(p.label)[0] in wholes
         sensor = (pushes or p.role in _OF_SENSORS) and (p.label in AXES - labels or whole)
         heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
-        found.append(own(p.column) if sensor or heads or p.column in counted else p)
+        found.append(unchanged(p.column) if sensor or heads or p.column in counted else p)
     return found
 
 
@@ -198,7 +198,7 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
     based = {column for row in lists for column in row}
     based -= {p.column for p in proposals if p.column.width == 1 and p.label in driven}
     joined = {p.role for p in proposals if p.column not in based}
-    proposals = [own(p.column) if p.column in based and p.role in joined else p for p in proposals]
+    proposals = [unchanged(p.column) if p.column in based and p.role in joined else p for p in proposals]
     found: dict[str, set[str]] = {}
     for p in proposals:
         plain = words(p.label)
@@ -210,7 +210,7 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
     def placed(p: Proposal) -> bool:
         return p.role == "position" and " ".join(words(p.label)[:-1]) in places and p.label not in driven
 
-    return [own(p.column) if placed(p) else p for p in proposals]
+    return [unchanged(p.column) if placed(p) else p for p in proposals]
 
 
 def _of_a_base(column: Column) -> bool:

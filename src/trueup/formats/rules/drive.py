@@ -182,23 +182,23 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
     if channel == "yaw_rate" and not _says(signals[own]) and _turns_in_degrees(columns[0], parts, time):
         scale, more = (math.radians(1.0),), "; by the heading its numbers are degrees per second"
     note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
-    note += f" in {_told(signals, [usual] * len(signals))}{more}" if usual else more
+    note += f" in {_units_for_note(signals, [usual] * len(signals))}{more}" if usual else more
     units = _commanded_in(signals, degrees) if channel.startswith("command") else ()
-    note += f" in {_told(signals, [u or 'shares' for u in units])}" if any(units) else ""
+    note += f" in {_units_for_note(signals, [u or 'shares' for u in units])}" if any(units) else ""
     plain = channel == "command" and not degrees and [c.name for c in columns] == list(signals)
     notes = () if plain and not any(units) else (note,)
     each = units if any(units) else ()
     return Part(channel, columns, tuple(signals), usual, scale if len(set(scale)) > 1 else scale[:1], notes, each)
 
 
-def _told(signals: Mapping[str, Signal], kept: Sequence[str]) -> str:
+def _units_for_note(signals: Mapping[str, Signal], kept: Sequence[str]) -> str:
     """Units for a note: those that the file says, and those in which its numbers are kept, where these are others."""
-    said = [_said(signal, unit) for signal, unit in zip(signals.values(), kept, strict=True)]
+    said = [_unit(signal, unit) for signal, unit in zip(signals.values(), kept, strict=True)]
     first, then = (units[0] if len(set(units)) == 1 else " and ".join(units) for units in (said, kept))
     return first if first == then else f"{first}, kept in {then}"
 
 
-def _said(signal: Signal, kept: str) -> str:
+def _unit(signal: Signal, kept: str) -> str:
     """The unit that a log says for a signal, else that in which it is kept."""
     said = signal.column.declared or canonical(signal.column.parts.tail) or ""
     return said if said and kept != "shares" and to_si(said)[0] == to_si(kept)[0] else kept

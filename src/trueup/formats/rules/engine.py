@@ -29,7 +29,7 @@ from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.inertial import sensor_labels
 from trueup.formats.rules.lists import in_parts, without_other_lists
 from trueup.formats.rules.names import AXES, axes, listed, stem, taken_apart, words
-from trueup.formats.rules.proposal import Proposal, own, own_words
+from trueup.formats.rules.proposal import Proposal, own_words, unchanged
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
@@ -75,7 +75,7 @@ def guess(tables: Sequence[Table], known: Sequence[str] | None = ()) -> ChannelM
     columns_of = {name: [p.column for p in group] for name, group in groups.items()}
     more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, columns_of, clocks)
     more += doubts.put_aside(channels, columns_of, driven=bool(parts))
-    more += autopilots.said(columns, tuple(used))
+    more += autopilots.notes(columns, tuple(used))
     more += ridden(columns, clocks.main) if known == () and not parts else []
     return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
@@ -111,7 +111,7 @@ def _proposals(
     """What each column is taken for; in the log of a vehicle nothing is a joint's position, speed or command."""
     proposals = [_proposal(column, named.get(column), several, known) for column in columns]
     if driven:
-        return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
+        return [unchanged(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
     proposals = without_other_lists(autopilots.without_guided(proposals, columns))
     proposals = without_places(without_sensors(without_doubles(without_other_signals(proposals, named))))
     return with_twins(proposals, known)
@@ -128,7 +128,7 @@ def _proposal(column: Column, named: Named | None, several: bool, known: Sequenc
         or (context is not None and not context.joint and not told)
         or (named is None and of_base(column))
     ):
-        return own(column)
+        return unchanged(column)
     kind, command, sent = reading.kind, reading.command, reading.sent
     if kind == "torque" and not command and (reading.unit or column.declared) in joints.SHARES.values():
         kind = "load"  # of what a drive is rated for, which nothing here knows in N m
@@ -145,7 +145,7 @@ def _proposal(column: Column, named: Named | None, several: bool, known: Sequenc
         base = "command_sent" if sent else "command"
         role = base if kind in ("", "position") else f"{base}_{kind}"
     if not role:
-        return own(column)
+        return unchanged(column)
     # Voltages and temperatures are more often of the supply than of a joint, and one gain is that of all.
     of_all = kind in ("voltage", "temperature", *joints.SETTINGS) and not reading.label
     label = kind if of_all else joints.label_of(reading.label)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from trueup.formats.rules import joints
 from trueup.formats.rules.coherence import FAMILIES, OF_ANY_DRIVE
 from trueup.formats.rules.names import words
-from trueup.formats.rules.proposal import Proposal, own
+from trueup.formats.rules.proposal import Proposal, unchanged
 from trueup.formats.rules.rule import Example
 
 EXAMPLES = (
@@ -54,4 +54,4 @@ def without_other_lists(proposals: Sequence[Proposal]) -> list[Proposal]:
     aside = {p.column for row in rows.values() for p in row if p is not max(row, key=fitness)}
     aside |= {p.column for p, reading in lists.items()
               if p.role == "position" and not reading.kind and told and p.column.width not in told}  # fmt: skip
-    return [own(p.column) if p.column in aside else p for p in proposals]
+    return [unchanged(p.column) if p.column in aside else p for p in proposals]

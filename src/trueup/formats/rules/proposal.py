@@ -23,7 +23,7 @@ class Proposal:
     unit: str
 
 
-def own(column: Column) -> Proposal:
+def unchanged(column: Column) -> Proposal:
     """A column under its own name; those that differ by an axis or an index go together."""
     plain = own_words(column)
     tail = [word for word in plain if word in axes(plain)]

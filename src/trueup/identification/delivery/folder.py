@@ -58,7 +58,7 @@ def _fit(result: Identification) -> Deliverable:
     return Deliverable("fit", (), "all that was identified; what the files below are compared with", errors, 0.0)
 
 
-def _said(result: Identification, model: TorqueModel | Compiled) -> list[Array]:
+def _predicted_torques(result: Identification, model: TorqueModel | Compiled) -> list[Array]:
     """(S, n) what a model says of each log; the fit itself where the log is no longer at hand."""
     return [p.fitted if p.by is None else p.by(model.torque) for p in result.predictions]
 
@@ -66,7 +66,7 @@ def _said(result: Identification, model: TorqueModel | Compiled) -> list[Array]:
 def _predictor(result: Identification, predictor: TorqueModel) -> Deliverable:
     use, said = (
         "computed torque, observers, analysis: trueup.load(FOLDER).torque(q, qd, qdd)",
-        _said(result, predictor),
+        _predicted_torques(result, predictor),
     )
     return Deliverable(
         "predictor",
@@ -82,7 +82,7 @@ def _header(result: Identification, path: Path) -> Deliverable:
     with compiled(path, prefix(result.model)) as runs:
         if isinstance(runs, str):
             return Deliverable("C header", (path.name,), use, note=f"not run here: {runs}")
-        said = _said(result, runs)
+        said = _predicted_torques(result, runs)
         seconds = runs.seconds(p.position, p.velocity, np.zeros_like(p.velocity))
     return Deliverable(
         "C header",
@@ -116,7 +116,7 @@ def _model_file(result: Identification, tree: KinematicTree, path: Path, fit: De
     read, held = read_back(path, tree), bool(result.held_out())
     written = TorqueModel.of_file(read, result.units)
     files = tuple(f.name for f in (path, path.with_suffix(".srdf")) if f.is_file())
-    errors = log_errors(result.predictions, _said(result, written))
+    errors = log_errors(result.predictions, _predicted_torques(result, written))
     made = Deliverable("model file", files, "simulators: possible bodies, rotors, Coulomb and viscous friction", errors)
     note = f"{made.relative(held_out=held) / fit.relative(held_out=held):.2f} times the error of the fit: what its form costs"
     if np.count_nonzero(result.model.drives) > tree.n:

@@ -81,7 +81,7 @@ def _write_urdf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> 
     for j, name in enumerate(tree.links):
         element = links[name]
         file = np.nan_to_num(tree.inertial[j])
-        attached = file - _own(element)
+        attached = file - _inertial(element)
         own, share = _without(fit.inertial[j], attached)
         if share < 1.0:
             notes.append(_lightened(f"link '{name}'", _lighten(text, name, share, tree, joints, links), share))
@@ -202,7 +202,7 @@ def _without(total: Array, attached: Array) -> tuple[Array, float]:
     return total - share * attached, share
 
 
-def _own(link: Element) -> Array:
+def _inertial(link: Element) -> Array:
     """(10,) what a link's own <inertial> says, in the link's frame; zero without one."""
     element = link.child("inertial")
     if element is None:

@@ -94,7 +94,7 @@ def strangers(
     loads = (
         _with_load(names, blocks, k, body, link, weighed=weighed) for k in dict.fromkeys((tuple(out), tuple(blamed)))
     )
-    return [next(filter(None, loads), "") or _said(names, blocks, blamed)]
+    return [next(filter(None, loads), "") or _note(names, blocks, blamed)]
 
 
 def _apart(blocks: _Blocks) -> list[int]:
@@ -237,7 +237,7 @@ def _spans(names: Sequence[str], blocks: _Blocks, laden: Mask) -> str:
     return listed(said)
 
 
-def _said(names: Sequence[str], blocks: _Blocks, out: Sequence[int]) -> str:
+def _note(names: Sequence[str], blocks: _Blocks, out: Sequence[int]) -> str:
     """What to say of recordings that differ from the others by more than a load."""
     of = np.isin(blocks.owner, out)
     together = blocks.foretold(blocks.plain, np.ones(len(of), dtype=bool))[0]

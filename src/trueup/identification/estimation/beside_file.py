@@ -37,7 +37,7 @@ class _Beside:
     sizes: Array
     """(3,) what the file says of each, as a share of the joint's torque."""
 
-    def seen(self, what: int) -> bool:
+    def counts(self, what: int) -> bool:
         """Whether it makes a part of the torque that counts, by file or logs: of less friction decides what it seems."""
         return bool(self.sizes[what] * max(1.0, abs(self.values[what])) > HARDLY)
 
@@ -53,9 +53,9 @@ class _Beside:
         Files err in weight and inertia alike, as both follow from the same masses (UR10: weight 0.9 to 1.1 times the file's,
         inertia 1.0 to 1.3 times; Panda: 0.64 to 0.92, 0.25 to 0.77).
         """
-        if not self.seen(_WEIGHT):
+        if not self.counts(_WEIGHT):
             return None
-        if self.seen(_INERTIA) and self.surely((0.0, 1.0, 0.0)):
+        if self.counts(_INERTIA) and self.surely((0.0, 1.0, 0.0)):
             light, there = self.surely((-1.0, MOST, 0.0)), self.surely((1.0, -MOST, 0.0))
         else:  # small weight may be small torque, too
             light, there = self.surely((-1.0, 0.0, 0.0)), self.surely((1.0, 0.0, 0.0), MOST)
@@ -65,7 +65,7 @@ class _Beside:
     def apart(self) -> bool:
         """Whether the links take much more, or much less, than the file says."""
         beyond = self.surely((0.0, 0.0, 1.0), AS_FAR) or self.surely((0.0, 0.0, -1.0), -1.0 / AS_FAR)
-        return self.seen(_LINKS) and beyond
+        return self.counts(_LINKS) and beyond
 
 
 def beside_file(logs: Sequence[Log], tree: KinematicTree) -> list[str]:

@@ -46,7 +46,7 @@ Fit = Callable[[Motion], Errors]
 class Suspicion:
     """A mistake in a log that would explain its torque, and what the log says of it."""
 
-    said: str
+    sentence: str
     before: Errors
     """Of the log as it is."""
     after: Errors
@@ -81,8 +81,9 @@ class Suspicion:
         """In words."""
         before, after = (100.0 * float(np.sqrt(each[0].sum())) for each in (self.before, self.after))
         if self.sure:
-            return f"{self.said}: turned, it is explained as well ({after:.2g} % of the torque is left), and friction brakes"
-        return f"{self.said}: the error would go from {before:.2g} % to {after:.2g} % of the torque"
+            how = f"turned, it is explained as well ({after:.2g} % of the torque is left), and friction brakes"
+            return f"{self.sentence}: {how}"
+        return f"{self.sentence}: the error would go from {before:.2g} % to {after:.2g} % of the torque"
 
 
 def check_log(log: Log, tree: KinematicTree, *, judged: bool = False) -> list[str]:

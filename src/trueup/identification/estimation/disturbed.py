@@ -149,7 +149,7 @@ class _Looked:
         rest = np.concatenate([v[f] for v, f in zip(self.speeds, free, strict=True)]).max(axis=0)
         return max(1.0, float((self.speeds[k][first : last + 1].max(axis=0) / np.maximum(rest, TINY)).max()) ** 2)
 
-    def found(self) -> tuple[list[_Stretch], float]:
+    def outstanding(self) -> tuple[list[_Stretch], float]:
         """Stretches that stand out from a fit to all else, and from every fit that takes one of them in."""
         stretches, rest = self.standing_out(self.agreeing())
         seen = list[list[_Stretch]]()
@@ -200,7 +200,7 @@ def disturbed(logs: Sequence[Log], tree: KinematicTree, drives: Drives) -> tuple
     is said elsewhere, or where a log is too short to tell.
     """
     looked = _looked(logs, tree, drives)
-    stretches, rest = ([], UNUSUAL) if looked is None else looked.found()
+    stretches, rest = ([], UNUSUAL) if looked is None else looked.outstanding()
     if looked is None or not stretches or looked.loaded(stretches):
         return {}, ""
     spans: Spans = {}

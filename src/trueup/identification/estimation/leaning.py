@@ -175,7 +175,7 @@ def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice, *, le
     last = len(moments.scale)
     level, zeros = np.arange(last - 2 - tree.n), np.arange(last - 2 - tree.n, last - 2)
     own = np.arange(np.count_nonzero(choice.active))
-    told = _told(moments, choice, np.append(own, zeros) if leans else level)
+    told = _well_known(moments, choice, np.append(own, zeros) if leans else level)
     if told is None:
         return None
     masks = [level, np.append(level, zeros)]
@@ -188,7 +188,7 @@ def leaning(pool: Pool, pieces: Sequence[Piece], cut: Cut, choice: Choice, *, le
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
+class _WellKnown:
     """What is told of a turn about two axes: moments whose last two columns are of axes so chosen that they err apart."""
 
     moments: Moments
@@ -199,7 +199,7 @@ class _Told:
     covariance: Array
 
 
-def _told(moments: Moments, choice: Choice, beside: Integers) -> _Told | None:
+def _well_known(moments: Moments, choice: Choice, beside: Integers) -> _WellKnown | None:
     """The directions of a turn, of which the last two columns are, that are known to better than `FURTHEST`."""
     last = len(moments.scale) - 2 + np.arange(2)
     each = solved_without_each(moments, choice, np.append(beside, last))[:, -2:]
@@ -214,7 +214,7 @@ def _told(moments: Moments, choice: Choice, beside: Integers) -> _Told | None:
     along[sure] = solved(turned, choice, used)[-known:]
     errors = np.full(2, FURTHEST)
     errors[sure] = jackknife(solved_without_each(turned, choice, used)[:, -known:])
-    return _Told(turned, last[sure], across @ along, (across * errors**2) @ across.T)
+    return _WellKnown(turned, last[sure], across @ along, (across * errors**2) @ across.T)
 
 
 def _turned(moments: Moments, turns: Integers, across: Array) -> Moments:

@@ -59,10 +59,10 @@ def _asked_for(modelled: Modelled, margin: float) -> bool:
     tree, fitted = pool.model.tree, [p for p in pieces if not p.held_out]
     links = links_of(pool, moments_of(fitted_blocks(fitted, margin)), choice)
 
-    def own(motion: Motion) -> Array:
+    def carried_load(motion: Motion) -> Array:
         return _carried(tree, links, motion)[:, :, None] * np.eye(tree.n)
 
-    moments = moments_of(fitted_blocks(with_columns(fitted, np.flatnonzero(choice.active), own), margin))
+    moments = moments_of(fitted_blocks(with_columns(fitted, np.flatnonzero(choice.active), carried_load), margin))
     every = np.arange(len(moments.scale))
     plain, free = left_out_errors(moments, choice, [every[: -tree.n], every])
     return compared(free, plain).holds

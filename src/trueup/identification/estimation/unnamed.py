@@ -48,7 +48,7 @@ def named_by_motion(tree: KinematicTree, recording: Recording, torque: str = "")
     ]
     error, layout, arm = min(tried, key=lambda t: t[0], default=(np.inf, None, tree))
     if layout is not None and error <= POOR:
-        layout = _asked(recording, block, arm, [(x, own) for e, own, x in tried if e <= POOR], layout, torque)
+        layout = _wanted_layout(recording, block, arm, [(x, own) for e, own, x in tried if e <= POOR], layout, torque)
     if layout is None or error > POOR:
         raise IdentificationError(
             f"recording '{recording.name}': its {len(block.labels)} columns have no names, and none of them are positions "
@@ -61,7 +61,7 @@ def named_by_motion(tree: KinematicTree, recording: Recording, torque: str = "")
     return recording.replace(channels=_channels(arm, block, layout)), note
 
 
-def _asked(
+def _wanted_layout(
     recording: Recording, block: Channel, arm: KinematicTree, likely: Sequence[tuple[KinematicTree, _Layout]], best: _Layout,
     wanted: str,
 ) -> _Layout:  # fmt: skip

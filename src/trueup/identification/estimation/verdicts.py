@@ -108,15 +108,17 @@ def _motions(model: DynamicModel, rng: np.random.Generator) -> dict[str, Array]:
     still, load = np.zeros_like(q), np.where(np.isfinite(tree.effort), tree.effort, 1.0)[:, None]
     speed = np.where(np.isfinite(tree.speed), tree.speed, 2.0)
 
-    def seen(v: Array, a: Array) -> Array:
+    def shares_of_load(v: Array, a: Array) -> Array:
         shares = part.rows(np.arange(trials, dtype=float), q, v, a).dense() / load
         return rms(shares, axis=(0, 1))
 
-    gravity = seen(still, still)
+    gravity = shares_of_load(still, still)
     shown = {"Hold or slowly move through many different poses: gravity shows it": gravity}
     for j, joint in enumerate(tree.joints):
         one = np.zeros_like(q)
         one[:, j] = speed[j]
-        shown[f"Accelerate {joint} harder, in different poses of the other joints"] = seen(still, one / 0.4) - gravity
-        shown[f"Turn {joint} fast while others move"] = seen(one, still) - gravity
+        shown[f"Accelerate {joint} harder, in different poses of the other joints"] = (
+            shares_of_load(still, one / 0.4) - gravity
+        )
+        shown[f"Turn {joint} fast while others move"] = shares_of_load(one, still) - gravity
     return shown

@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from trueup.errors import TrialError, unknown_name
-from trueup.told import SIDES, Told
 from trueup.trial import Trial
+from trueup.watched_run import SIDES, WatchedRun
 
 GENERAL = ("trial", "outcome", "note")
 """Keys of a result.toml of any trial."""
@@ -16,7 +16,7 @@ _ENDS = ("fell", "veered", "late", "aborted")
 _KEYS = ("seconds", "metres", *_ENDS)
 
 
-def told_in(said: Mapping[str, object], trial: Trial) -> Told:
+def told_in(said: Mapping[str, object], trial: Trial) -> WatchedRun:
     """What a file says of a run of the trial. Raises TrialError that names key, value and choices, UnknownNameError."""
     if trial.watched is None:
         raise TrialError(
@@ -29,7 +29,7 @@ def told_in(said: Mapping[str, object], trial: Trial) -> Told:
     _so("aborted", said)
     if not any(said.get(key, False) is not False for key in _KEYS):
         raise TrialError(f"it says nothing yet of {trial.name}: take the # off what happened ({', '.join(_KEYS)})")
-    return Told(
+    return WatchedRun(
         _seconds(said.get("seconds", [])), _number("metres", said["metres"]) if "metres" in said else math.nan,
         _side(said.get("fell", False)), _so("veered", said), _so("late", said),
     )  # fmt: skip

@@ -51,7 +51,7 @@ class Item:
             raise ValueError(f"outcome = '{outcome}' is not one of: {', '.join((*ANSWERS, 'done'))}")
         if outcome:
             return "" if outcome == "done" else outcome
-        if self.seen is not None and set(result) - set(GENERAL):
+        if self.manual_result is not None and set(result) - set(GENERAL):
             return ""  # whatever its name says, as 'trial-004-fell.toml': it says more itself
         for file in [self.path] if self.path.is_file() else sorted(self.path.iterdir()):
             word = _ANSWER.search(file.name)
@@ -62,7 +62,7 @@ class Item:
         return ""
 
     @property
-    def seen(self) -> Mapping[str, object] | None:
+    def manual_result(self) -> Mapping[str, object] | None:
         """What a TOML file that was dropped in place of a log says of the run; None of a log. Raises ValueError."""
         return self._result() if _is_toml(self.path) and self.path.is_file() else None
 

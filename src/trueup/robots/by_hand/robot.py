@@ -19,8 +19,8 @@ from trueup.robots.by_hand.check import fits, mismatches, one_of
 from trueup.robots.by_hand.eyes import hint, told_in
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
-from trueup.told import is_told
 from trueup.trial import Trial
+from trueup.watched_run import is_watched
 
 
 def _silent(line: str) -> None:
@@ -183,9 +183,9 @@ class ByHand:
         waiting = self._waiting()
         if not waiting:
             return "no trial is waited for"
-        if item.seen is not None:
+        if item.manual_result is not None:
             trial = self._meant(item)
-            return trial, told_in(item.seen, trial).recording(trial), False
+            return trial, told_in(item.manual_result, trial).recording(trial), False
         likely = self._meant(item) if item.trial else waiting[0]
         recordings, named = self._read(item, mapping, likely)
         if len(recordings) != 1:
@@ -216,9 +216,11 @@ class ByHand:
                 for i, _, _ in found
             }  # fmt: skip
         for item, recording, named in found:
-            mapping = None if named or is_told(recording) else item.mapping(self._inbox) or self._mapping
+            mapping = None if named or is_watched(recording) else item.mapping(self._inbox) or self._mapping
             self._accepted.take(trial.name, item.path, mapping, named, _checksum(recording), item.note)
-            self._say(f"{trial.name}: {item.path.name} accepted{'' if is_told(recording) else fits(trial, recording)}")
+            self._say(
+                f"{trial.name}: {item.path.name} accepted{'' if is_watched(recording) else fits(trial, recording)}"
+            )
             self._tell_guesses(recording)
             have += 1
         if have == trial.repeats:
@@ -262,8 +264,8 @@ class ByHand:
         item = Item(self._accepted.path(trial.name, run), ())
         mapping = self._accepted.mapping(trial.name, run)
         note = run.note
-        if item.seen is not None:
-            told = told_in(item.seen, trial)
+        if item.manual_result is not None:
+            told = told_in(item.manual_result, trial)
             recording, note = told.recording(trial), "; ".join(filter(None, (told.words(trial), note)))
         else:
             (recording,) = read(item.log(), canonical_map(trial) if run.mapping == "named" else mapping)

@@ -67,7 +67,7 @@ def percept(message: bytes) -> Percept:
                 _number(_after(flat, "val", message), message),
             )
         elif word == "See":
-            made.setdefault("seen", {}).update(_seen(rest, message))
+            made.setdefault("seen", {}).update(_sights(rest, message))
     single = {kind: {n: v[0] for n, v in made.pop(kind, {}).items()} for kind in ("joints", "speeds")}
     return Percept(time, single["joints"], single["speeds"], **made)  # type: ignore[arg-type]
 
@@ -81,7 +81,7 @@ _PLAIN: Mapping[str, tuple[str, Mapping[str, str]]] = {
 """What words tell, and which numbers stand behind which key."""
 
 
-def _seen(rest: Sequence[Expression], message: bytes) -> dict[str, Values]:
+def _sights(rest: Sequence[Expression], message: bytes) -> dict[str, Values]:
     found: dict[str, Values] = {}
     for what, fields in named(rest):
         parts = dict(named(fields))

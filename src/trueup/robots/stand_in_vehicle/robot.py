@@ -28,7 +28,7 @@ class Drive:
     time: Array
     """(T,) since the start, in s, at the controller's rate."""
     truth: Array
-    seen: Array
+    measured: Array
     orders: Array
     """(b, T, 2) commanded speed and steering."""
 
@@ -50,7 +50,7 @@ class StandInVehicle:
         failing: float = 0.0,
         drifting: float = 8.0,
     ) -> None:
-        self.truth = VehicleTruth.drawn(truth) if isinstance(truth, int) else truth
+        self.truth = VehicleTruth.of_seed(truth) if isinstance(truth, int) else truth
         self.settings = settings or StanleySettings()
         self._failing, self._drifting, self._seed = failing, drifting, seed
         self._rng = np.random.default_rng([seed, 7])
@@ -136,11 +136,11 @@ class StandInVehicle:
             if role in CHANNELS:
                 last = np.searchsorted(drive.time, o.time - trial.start + SAME_INSTANT, side="right") - 1
                 columns = [PLACE[label] for label in o.labels]
-                channels[role] = Channel(role, o.labels, o.unit, o.time, drive.seen[row][last][:, columns])
+                channels[role] = Channel(role, o.labels, o.unit, o.time, drive.measured[row][last][:, columns])
                 if (
                     role == "heading" and "yaw_rate" not in trial.observed
                 ):  # its log holds the gyroscope, asked for or not
-                    turning = drive.seen[row][last][:, [PLACE["yaw_rate"]]]
+                    turning = drive.measured[row][last][:, [PLACE["yaw_rate"]]]
                     channels["yaw_rate"] = Channel("yaw_rate", ("yaw_rate",), "rad/s", o.time, turning)
         settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
         return Recording(name, channels, {"source": "stand-in vehicle", "settings": settings})

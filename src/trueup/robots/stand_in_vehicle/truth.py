@@ -89,7 +89,7 @@ class VehicleTruth:
     """Share of the wheels' speed over ground that is lost in 100 s (a battery, a tyre that warms)."""
 
     @classmethod
-    def drawn(cls, seed: int) -> VehicleTruth:
+    def of_seed(cls, seed: int) -> VehicleTruth:
         """A robot of the series: one of as many as there are seeds."""
         uniform = np.random.default_rng([seed, 20240711]).uniform
         return cls(**{name: uniform(*ends) for name, ends in _SERIES.items()})

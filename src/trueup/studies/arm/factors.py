@@ -72,7 +72,7 @@ def ratios(everything: Mapping[str, Mapping[str, Errors]], seed: int) -> dict[tu
     found = {}
     for region, each in everything.items():
         for effects, errors in each.items():
-            means = _drawn(errors, np.random.default_rng([seed, *region.encode()]))
+            means = _bootstrap(errors, np.random.default_rng([seed, *region.encode()]))
             for speed, ramp in itertools.product(SPEEDS, RAMPS):
                 cell = Cell(region, effects, speed, ramp)
                 for claim in CLAIMS:
@@ -80,7 +80,7 @@ def ratios(everything: Mapping[str, Mapping[str, Errors]], seed: int) -> dict[tu
     return found
 
 
-def _drawn(errors: Errors, rng: np.random.Generator) -> dict[Key, Array]:
+def _bootstrap(errors: Errors, rng: np.random.Generator) -> dict[Key, Array]:
     """(draws, 6) mean errors by algorithm and case."""
     R, N = next(iter(errors.absolute.values())).shape[:2]
     excitations, tests = weights(R, rng, _DRAWS), {case: weights(N, rng, _DRAWS) for case in CASES}

@@ -64,25 +64,25 @@ class PapersFit:
 class OurFit:
     """What `trueup identify` found."""
 
-    found: TorqueModel
+    model: TorqueModel
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """See Fitted."""
-        return self.found.torque(q, qd, qdd)
+        return self.model.torque(q, qd, qdd)
 
     def predict(self, made: Run, rows: Rows) -> Array:
         """See Fitted."""
         del rows
-        return made.passed(self.found.torque(*made.measured))
+        return made.passed(self.model.torque(*made.measured))
 
     def as_papers(self) -> Array:
         """See Fitted; friction that saturates over a range of speeds is counted as Coulomb's, other friction is left out."""
         friction = np.zeros((len(PAPERS), len(NOMINAL)))
-        for d, effect, value in self.found.terms:
+        for d, effect, value in self.model.terms:
             kind = "coulomb" if effect.kind in _SATURATING else effect.kind
             if kind in PAPERS:
                 friction[PAPERS.index(kind), d] += value
-        return np.concatenate([self.found.links.ravel(), friction.ravel()])
+        return np.concatenate([self.model.links.ravel(), friction.ravel()])
 
 
 def papers_fit(model: DynamicModel, rows: Sequence[Rows], columns: Integers) -> PapersFit:

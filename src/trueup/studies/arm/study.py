@@ -94,13 +94,13 @@ def _steps(region: str) -> int:
 class _Steps:
     """Counts what is done, and says it."""
 
-    told: Told
+    report: Told
     total: int
     done: int = 0
 
     def __call__(self, text: str) -> None:
         self.done += 1
-        self.told(text, self.done / self.total)
+        self.report(text, self.done / self.total)
 
 
 @dataclass
@@ -110,12 +110,12 @@ class _Lazily:
     name: str
     scale: Scale
     steps: _Steps
-    made: list[Region] = field(default_factory=list)
+    regions: list[Region] = field(default_factory=list)
 
     def region(self) -> Region:
-        if not self.made:
-            self.made.append(prepared(self.name, self.scale, self.steps))
-        return self.made[0]
+        if not self.regions:
+            self.regions.append(prepared(self.name, self.scale, self.steps))
+        return self.regions[0]
 
     def workshop(self) -> Workshop:
         return Workshop.of(Cell.of(ns16(), REGIONS[self.name], limits()), self.scale.population, self.scale.generations)

@@ -83,7 +83,7 @@ class Truth:
         )  # fmt: skip
 
 
-def drawn(
+def random_truth(
     rng: np.random.Generator, bodies: Sequence[str], joints: Sequence[str], limits: Array, gap: float = 1.0
 ) -> Truth:
     """A truth for a robot whose names begin with 'l_' and 'r_' on its sides; `limits` (k,) torques by the data sheet, N m.

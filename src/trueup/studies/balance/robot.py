@@ -23,7 +23,7 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, SimulationFailedError
 from trueup.recording import Channel, Recording
 from trueup.samples import between
-from trueup.studies.balance.hidden import ENCODER, Truth, drawn
+from trueup.studies.balance.hidden import ENCODER, Truth, random_truth
 from trueup.studies.balance.scenes import model_of
 from trueup.trial import Observed, Trial
 
@@ -47,7 +47,7 @@ class StandInHumanoid:
     number: int
     seed: int = 0
     gap: float = 1.0
-    """How far its truth is from the model file (`hidden.drawn`)."""
+    """How far its truth is from the model file (`hidden.random_truth`)."""
 
     @property
     def repeatable(self) -> bool:
@@ -60,7 +60,9 @@ class StandInHumanoid:
         model = of(model_of(self.scene))
         joints = tuple(model.drives())
         limits = np.array([model.get("actuator.force_limit", a)[0] for a in model.drives().values()])
-        return drawn(np.random.default_rng([20160, self.number]), model.names("body")[1:], joints, limits, self.gap)
+        return random_truth(
+            np.random.default_rng([20160, self.number]), model.names("body")[1:], joints, limits, self.gap
+        )
 
     def perform(self, trial: Trial) -> list[Recording]:
         """See Robot: 'command', 'position' of the joints, 'base_position' and 'base_orientation' of the torso.

@@ -52,14 +52,14 @@ def course_shapes(courses: Sequence[Path], trained: int) -> Markup:
 
 def changes(searched: Searched, space: ParameterSpace) -> Markup:
     """Start and found values of each parameter within its range."""
-    start, found = space.to_unit(searched.start), space.to_unit(searched.found)
+    start, found = space.to_unit(searched.start), space.to_unit(searched.best)
     count = len(searched.names)
     marks = [(float(k), name.replace("_", " ")) for k, name in enumerate(searched.names)]
     plot = Plot((-0.5, count - 0.5), (0.0, 1.0), "", "share of its range", width=720, height=250, x_marks=marks)
     for k, p in enumerate(space.parameters):
         plot.line([(k, start[k]), (k, found[k])], SOFT, width=1.0)
         moved = abs(found[k] - start[k]) > 0.05
-        for place, value, colour in ((start[k], searched.start[k], BEFORE), (found[k], searched.found[k], AFTER)):
+        for place, value, colour in ((start[k], searched.start[k], BEFORE), (found[k], searched.best[k], AFTER)):
             plot.dot((k, float(place)), colour, title=f"{p.name}: {value:.3g} {squared(p.unit)}")
             if moved or colour == AFTER:
                 plot.text((k + 0.06, float(place)), f"{value:.3g} {squared(p.unit)}", colour)

@@ -43,7 +43,7 @@ class Searched:
 
     names: tuple[str, ...]
     start: Array
-    found: Array
+    best: Array
     tried: Array
     """(N, n) in the order of the trials, in the parameters' units."""
     losses: Array
@@ -99,14 +99,14 @@ def paper_study(
     simulator = chasi.simulator(BETAS, 0.0, 0.0, threads=1)
 
     def tracking(values: Array) -> float:
-        driven = on_path(task, _simulated(task, simulator, calibration.found, values))
+        driven = on_path(task, _simulated(task, simulator, calibration.best, values))
         return path_loss(desired, driven, spacing=SPACING, band=BAND)
 
     tuning = _searched("tune", gains, tracking, tuning_trials, seed + 1, told)
-    before, after = (as_rollout(task.trials[0], [r]) for r in (drive, _performed(robot, task, tuning.found, ", tuned")))
+    before, after = (as_rollout(task.trials[0], [r]) for r in (drive, _performed(robot, task, tuning.best, ", tuned")))
     default = _simulated(task, simulator, calibration.start, gains.nominal)
-    calibrated = _simulated(task, simulator, calibration.found, gains.nominal)
-    tuned = _simulated(task, simulator, calibration.found, tuning.found)
+    calibrated = _simulated(task, simulator, calibration.best, gains.nominal)
+    tuned = _simulated(task, simulator, calibration.best, tuning.best)
     return PaperStudy(
         desired, on_path(task, before), on_path(task, default), on_path(task, calibrated), on_path(task, tuned),
         on_path(task, after), calibration, tuning, np.concatenate([task.score([before]), task.score([after])]),

@@ -144,7 +144,7 @@ def _rounds(study: Study) -> Markup:
 
 
 def _noise(study: Study) -> Markup:
-    found = dict(zip(study.noise.names, study.noise.found, strict=True))
+    found = dict(zip(study.noise.names, study.noise.best, strict=True))
     rows = [
         ("position", f"{1e3 * found['position_noise']:.2f} mm", f"{1e3 * study.noise_truth[0]:.2f} mm"),
         ("heading", f"{1e3 * found['heading_noise']:.2f} mrad", f"{1e3 * study.noise_truth[1]:.2f} mrad"),

@@ -58,7 +58,7 @@ def run_study(
     task = chasi.task()
     drives = [r for runs in try_on_robot(robot, task, task.parameters.nominal).recordings for r in runs]
     betas = chasi.simulator(BETAS, 0.0, 0.0)
-    seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
+    seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.best, np.ones(3), drives[0])
     noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
     courses = across_courses(robot, seed=seed, evaluations=min(evaluations, 120))
     today, one, several = courses.summary
@@ -86,7 +86,7 @@ def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
 def _errors(robot: StandInVehicle, paper: PaperStudy, rounds: History) -> Array:
     """(3,) what really happens, localisation noise aside."""
     initial = np.array([*paper.tuning.start, 0.0])
-    gains = np.array([initial, [*paper.tuning.found, 0.0], list(rounds.best[0].values())])
+    gains = np.array([initial, [*paper.tuning.best, 0.0], list(rounds.best[0].values())])
     return true_errors(robot, "hairpin", gains)
 
 

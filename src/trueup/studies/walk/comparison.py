@@ -194,7 +194,7 @@ class Result:
 
 def truth_of(robot: int) -> Truth:
     """What a stand-in hides, by its number."""
-    return Truth.drawn(np.random.default_rng([robot, _DRAWN]))
+    return Truth.random(np.random.default_rng([robot, _DRAWN]))
 
 
 def performed(
@@ -209,7 +209,7 @@ def performed(
         start = tuple(kept(f"start {number}", partial(_started, judge, scale)))
         told(f"robot {number}: the start walk does {100 * start[1]:.1f} cm/s with steps of {100 * start[0]:.0f} %")
         for seed, (key, way) in product(seeds, ways.items()):
-            compute = partial(_found, number, judge, seed, key, way, scale, start, told, evaluator)
+            compute = partial(_result, number, judge, seed, key, way, scale, start, told, evaluator)
             yield Result.read(kept(f"robot {number} seed {seed} {key}", compute))
 
 
@@ -219,7 +219,7 @@ def _started(judge: StandInNao, scale: Scale) -> list[float]:
     return [share, runs.speed, runs.failed / runs.number]
 
 
-def _found(
+def _result(
     number: int, judge: StandInNao, seed: int, key: str, way: Way, scale: Scale, start: tuple[float, float, float],
     told: Callable[[str], None], evaluator: Evaluator | None,
 ) -> dict[str, Any]:  # fmt: skip

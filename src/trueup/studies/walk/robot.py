@@ -57,7 +57,7 @@ class Truth:
     """rad to each side by which a gear lags behind its reversed command."""
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Truth:
+    def random(cls, rng: np.random.Generator) -> Truth:
         """A robot as it may come."""
         values = {name: float(rng.uniform(*span)) for name, span in _DRAWN.items()}
         zeros = {f"{motor}.zero": float(_ZERO * rng.standard_normal()) for motor in MOTORS}
@@ -106,12 +106,12 @@ class StandInNao:
         values = self._values(rng, trial.repeats)
         drives: list[_Drives] = []
 
-        def made(rows: Array) -> Controller:
+        def drives_of(rows: Array) -> Controller:
             drives.append(_Drives(self._software(trial, len(rows)), self.truth.play))
             return drives[-1]
 
         mine = self._own(trial, rng)
-        (rollout,) = self._simulator.rollout([replace(mine, controller=made)], values)
+        (rollout,) = self._simulator.rollout([replace(mine, controller=drives_of)], values)
         return [self._recording(name, rollout.recording(i), drives[0], i) for i, name in enumerate(trial.runs)]
 
     def _values(self, rng: np.random.Generator, runs: int) -> Array:

@@ -63,7 +63,7 @@ def driven(model: Model, recordings: Sequence[Recording]) -> Model:
         _add_motors(spec, wanted)
     else:
         (add_speed_servos if speeds else add_servos)(spec, model, wanted, recordings)
-    said = _said(wanted, bare=bare, torques=torques) if not speeds else _said_of_speeds(wanted, bare=bare)
+    said = _note(wanted, bare=bare, torques=torques) if not speeds else _said_of_speeds(wanted, bare=bare)
     return model.changed(spec, "with actuators added", said)
 
 
@@ -74,7 +74,7 @@ def _said_of_speeds(joints: Sequence[str], *, bare: bool) -> str:
     return f"{why}, whose gain stands for the controller in the robot ({', '.join(joints)})"
 
 
-def _said(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
+def _note(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
     where = f"({', '.join(joints)})"
     if not bare:
         return (

@@ -69,9 +69,9 @@ def on_the_floor(model: Model, recordings: Sequence[Recording]) -> tuple[list[Re
     moved = {k: middle if alike else h for k, h in seen.items() if alike or abs(h) > _calibrated()}
     for k, height in moved.items():
         result[k] = _moved(result[k], (0.0, 0.0, -height))
-    said = ", ".join(f"{result[k].name} {seen[k]:+.3f} m" for k in moved)
+    note = ", ".join(f"{result[k].name} {seen[k]:+.3f} m" for k in moved)
     notes.append(
-        f"by {POSITION} the lowest point of the robot is never at the model's floor ({said}; is its origin another point of "
+        f"by {POSITION} the lowest point of the robot is never at the model's floor ({note}; is its origin another point of "
         "the robot, or the frame's not on the floor?): heights are taken so that the robot stands on it. If it hung, leave "
         "the pose out"
     )

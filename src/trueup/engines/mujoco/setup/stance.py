@@ -25,7 +25,7 @@ class _Rest:
     """A beginning at rest: actuators (k,) of joints, what they were told and where the joints were, in rad or m."""
 
     actuators: tuple[int, ...]
-    told: Array
+    commanded: Array
     was: Array
 
 
@@ -41,7 +41,7 @@ def stood(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording])
         down, up = _sag(hanging, rest), _sag(free.compiled, rest)
         if up is None or down is None:
             continue
-        seen = rest.was - rest.told
+        seen = rest.was - rest.commanded
         hung, standing = hung + float(np.sum((seen - down) ** 2)), standing + float(np.sum((seen - up) ** 2))
         k = int(np.argmax(np.abs(seen - down)))
         if abs(seen[k] - down[k]) > abs(worst[1] - worst[3]):
@@ -57,7 +57,7 @@ def stood(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording])
 
 def _rest(model: Model, recording: Recording) -> _Rest | None:
     """The beginning of a recording, if the robot rested in it; None where drives are no position servos, too."""
-    drives, command = told(model, recording), command_of(recording)
+    drives, command = commanded_joints(model, recording), command_of(recording)
     if not drives or command is None or command.unit in ("N m", "N"):
         return None
     actuators = tuple(drives.values())
@@ -69,7 +69,7 @@ def _rest(model: Model, recording: Recording) -> _Rest | None:
     return None if np.ptp(was, axis=0).max() > STILL else _Rest(actuators, asked[0], was.mean(axis=0))
 
 
-def told(model: Model, recording: Recording) -> dict[str, int]:
+def commanded_joints(model: Model, recording: Recording) -> dict[str, int]:
     """Joints that were commanded and measured, each with its actuator, where these are all that a model has, and take what
     they are told: position servos a position, motors a torque or force; none elsewhere.
     """
@@ -91,11 +91,11 @@ def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
         mujoco.mj_resetDataKeyframe(compiled, data, 0)
     places = compiled.jnt_qposadr[compiled.actuator_trnid[list(rest.actuators), 0]]
     data.qpos[places] = rest.was
-    data.ctrl[list(rest.actuators)] = rest.told
+    data.ctrl[list(rest.actuators)] = rest.commanded
     mujoco.mj_forward(compiled, data)
     root = compiled.jnt_bodyid[0]
     upright = data.xmat[root].copy()
     mujoco.mj_step(compiled, data, int(np.ceil(SETTLE / compiled.opt.timestep)))
     leans = float(np.arccos(np.clip(data.xmat[root][6:] @ upright[6:], -1.0, 1.0)))
     fell = compiled.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE and leans > TILT
-    return None if fell or not np.isfinite(data.qpos).all() else data.qpos[places] - rest.told
+    return None if fell or not np.isfinite(data.qpos).all() else data.qpos[places] - rest.commanded

@@ -14,7 +14,7 @@ from trueup.articulated.starts import measured_base, measured_start
 from trueup.articulated.wiring import commanded, control_of
 from trueup.engines.mujoco.base import place
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.setup.stance import told
+from trueup.engines.mujoco.setup.stance import commanded_joints
 from trueup.evidence import STANDARD_ERRORS
 from trueup.instant import LOOKS
 from trueup.recording import Recording
@@ -57,7 +57,7 @@ def _ahead(free: Model, hanging: mujoco.MjModel, recording: Recording, begin: fl
     """(T, k) where joints are from an instant on, simulated on the feet and hanging, and measured; NaN where drives do not
     take what they were told.
     """
-    drives, command = told(free, recording), command_of(recording)
+    drives, command = commanded_joints(free, recording), command_of(recording)
     if not drives or command is None:
         nothing = np.full((1, 1), np.nan)
         return nothing, nothing, nothing

@@ -13,7 +13,7 @@ from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Ended, Trial, Watched, with_end
 
-TOLD = "told"
+WATCHED = "told"
 """Channel of a recording that holds nothing else: how far ahead the robot was when, and to which side it fell."""
 _LABELS, _UNITS = ("ahead", "forward", "left"), ("m", "1", "1")
 SIDES = {
@@ -23,7 +23,7 @@ SIDES = {
 
 
 @dataclass(frozen=True)
-class Told:
+class WatchedRun:
     """One run of a trial that is `Watched`."""
 
     seconds: tuple[float, ...] = ()
@@ -54,8 +54,8 @@ class Told:
         values[:, 0] = [x for _, x in rows]
         if self.fell:
             values[-1, 1:] = SIDES[self.fell]
-        channel = Channel(TOLD, _LABELS, "m", np.array([t for t, _ in rows]), values, _UNITS)
-        made = Recording(trial.name, {TOLD: channel}, {"source": "told by who watched it"})
+        channel = Channel(WATCHED, _LABELS, "m", np.array([t for t, _ in rows]), values, _UNITS)
+        made = Recording(trial.name, {WATCHED: channel}, {"source": "told by who watched it"})
         end = self._end(watched)
         return with_end(made, Ended(rows[-1][0], end)) if end else made
 
@@ -160,15 +160,15 @@ class Told:
             )
 
 
-def told(recording: Recording, watched: Watched) -> Told:
+def watched_run(recording: Recording, watched: Watched) -> WatchedRun:
     """What was told of a run that was watched so. Raises UnknownNameError for a recording that is a log."""
-    channel = recording.channel(TOLD)
+    channel = recording.channel(WATCHED)
     ahead, side = channel.column("ahead"), channel.values[-1, 1:]
     seconds = tuple(float(t) for t, x in zip(channel.time, ahead, strict=True) if x in watched.lines)
     fell = next((name for name, way in SIDES.items() if np.array_equal(way, side)), "")
-    return Told(seconds, float(ahead[-1]), fell)
+    return WatchedRun(seconds, float(ahead[-1]), fell)
 
 
-def is_told(recording: Recording) -> bool:
+def is_watched(recording: Recording) -> bool:
     """Whether a recording holds what people saw, and no log."""
-    return recording.has(TOLD)
+    return recording.has(WATCHED)
