@@ -190,7 +190,7 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
             told(f"without {name}", best.error)
             less = chooser.without(best, name)
             answers[name] = Asked.of(name, less, best)
-            if not answers[name].kept:
+            if not answers[name].accepted:
                 best = less
     return best, sorted(answers.values(), key=lambda a: -a.evidence.gain)
 

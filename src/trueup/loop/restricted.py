@@ -34,7 +34,9 @@ class Restricted(InPlaceOf):
                 raise unknown_name("parameter", pattern, names, f"simulator '{simulator.name}'")
         frozen = [n for n in names if not any(fnmatch.fnmatchcase(n, p) for p in patterns)]
         fewer, free = simulator.parameters.left_out(frozen).parameters, simulator.parameters.free
-        parameters = (p.replace(asked=p.requested and not (f and p.frozen)) for p, f in zip(fewer, free, strict=True))
+        parameters = (
+            p.replace(requested=p.requested and not (f and p.frozen)) for p, f in zip(fewer, free, strict=True)
+        )
         return cls(simulator, ParameterSpace(tuple(parameters)))
 
     @property

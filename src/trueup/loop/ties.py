@@ -122,7 +122,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
             sure = left @ left + PRIOR / (p.upper - p.lower) ** 2
             half, there = half_interval() / np.sqrt(sure), p.nominal - pull / sure
             low, high = max(p.lower, min(p.nominal, there) - half), min(p.upper, max(p.nominal, there) + half)
-            if not p.told:
+            if not p.identifiable:
                 low, high = _within_bounds(p, trade, fit)
             found.append(Considered(p, trade, low, high, left, pull, calibrated=k < len(free)))
     return (*found, *_of_step(part, fit, seen, settled), *_of_stairs(problem, fit, settled))
