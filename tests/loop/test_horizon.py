@@ -17,6 +17,7 @@ from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.alike import alike
 from trueup.loop.horizon import _spread, horizon, led_length
+from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import Problem
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -116,6 +117,14 @@ def test_windows_of_what_torques_swing_are_as_long_as_a_step_of_least_squares_le
     length = led_length(problem, told, told.nominal, np.inf)
     assert np.isinf(length) == whole
     assert whole or 0.2 < length < 1.2  # a turn takes 0.3 s; in less than 0.2 s little but the start is seen
+
+
+def test_windows_that_grow_lead_to_what_windows_as_long_as_these_become_hide() -> None:
+    problem, told = turned((26.0, 26.0), ("left", "right")), space(("left", "right"))
+    found, _ = lengthened(problem, told, told.nominal, 2.0)  # in which it would be two turns off
+    assert found == pytest.approx([26.0, 26.0], rel=1e-3)
+    there, lasting = lengthened(problem, told, np.array([26.0, 26.0]), 2.0)  # nothing is searched that is noise
+    assert (*there, lasting) == (26.0, 26.0, 2.0)
 
 
 def test_lengths_are_compared_at_the_models_own_step() -> None:

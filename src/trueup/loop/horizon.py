@@ -10,6 +10,7 @@ from trueup.loop.alike import alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import HELD
 from trueup.loop.elsewhere import losses_at
+from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST, Starts
 from trueup.loop.start_errors import with_start_errors
@@ -44,12 +45,15 @@ def cut_for_search(
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
-    if by_torque(problem) and not (carried(problem) or _reckoned(problem)) and space.free.any():
+    hung = space.free.any() and not (carried(problem) or _reckoned(problem))  # and not on its feet
+    if unstable := hung and bool(np.isfinite(lasting)):
+        values, lasting = lengthened(problem, space, values, lasting)
+    elif hung and by_torque(problem):
         smooth = led_length(problem, space, values, lasting)
         if smooth < lasting:
             reason = ": of several lengths a step of least squares explains this one best"
     whole = in_windows(problem, min(lasting, smooth))
-    begun = _freed(_spread(whole), values)
+    begun = _freed(_spread(whole), values, unstable)
     shown = (
         "" if lasting <= smooth else "; shown whole" if np.isinf(lasting) else f"; shown in windows of {lasting:.2g} s"
     )
@@ -63,11 +67,12 @@ def _reckoned(problem: Problem) -> bool:
     return by_torque(problem) and any(t.initial_sd for t in problem.trials)
 
 
-def _freed(problem: Problem, values: Array) -> Problem:
-    """The problem with first corrections of starts that were reckoned eliminated at values (n,): in replays of torques that
-    last a tenth of a stride these decide more than all that is searched, which would be taken for the other.
+def _freed(problem: Problem, values: Array, unstable: bool = False) -> Problem:
+    """The problem with first corrections of starts eliminated at values (n,) where these were reckoned, or replays are
+    `unstable`: in replays of torques that last a tenth of a stride, or that end where errors have grown, starts decide more
+    than all that is searched, which would be taken for the other.
     """
-    if not (problem.windowed and _reckoned(problem)):
+    if not (problem.windowed and (unstable or _reckoned(problem))):
         return problem
     return Starts.as_measured(problem, values).eliminated_from(problem, values)
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -162,11 +162,21 @@ def _reached(problem: Problem, values: Array, *, skill: bool) -> tuple[float, fl
     near, far = both.plain_residuals(values[None]).reshape(2, -1)
     trials = range(len(problem.trials))
     grown = _lasting([_growth(problem, k, far - near) for k in trials])
+    if not carried(problem):
+        grown = min(grown, _lasting([_loudness(problem, k, far - near) for k in trials], _root_mean_square))
     return grown, _lasting([_unskilled(problem, k, near) for k in trials]) if skill else np.inf
 
 
-def _lasting(curves: Sequence[tuple[Array, Array]]) -> float:
-    """The first of the times (T,) from which on the median over curves (T,) is never below zero; inf where none is.
+def _root_mean_square(logs: Array) -> Array:
+    """(T,) ln of the root mean square over windows of what has `logs` (N, T), NaN where a window has ended."""
+    return 0.5 * np.log(np.nanmean(np.exp(2.0 * logs), axis=0))
+
+
+def _lasting(
+    curves: Sequence[tuple[Array, Array]], middle: Callable[[Array], Array] = lambda each: np.nanmedian(each, axis=0)
+) -> float:
+    """The first of the times (T,) from which on the median (or another `middle`) over curves (T,) is never below zero; inf
+    where none is.
 
     What a touch-down parts comes together again: only what lasts counts.
     """
@@ -176,8 +186,8 @@ def _lasting(curves: Sequence[tuple[Array, Array]]) -> float:
     grid = np.unique(np.concatenate([time for time, _ in known]))
     each = np.array([np.interp(grid, time, curve, right=np.nan) for time, curve in known])
     many = 2 * np.isfinite(each).sum(axis=0) >= len(known)  # the last instants are of few
-    grid, median = grid[many], np.nanmedian(each[:, many], axis=0)
-    below = np.flatnonzero(~(median >= 0.0))
+    grid = grid[many]
+    below = np.flatnonzero(~(middle(each[:, many]) >= 0.0))
     return float(grid[below[-1] + 1]) if len(below) and below[-1] + 1 < len(grid) else np.inf
 
 
@@ -194,6 +204,17 @@ def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
     with np.errstate(over="ignore"):  # runs that begin as one are endlessly further apart
         too_far = np.maximum(last / np.maximum(first * GROWN**2, TINY), place / (seen.shape[1] * LOUD**2))
     return time - problem.trials[trial].start, 0.5 * np.log(np.maximum(too_far, TINY))
+
+
+def _loudness(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
+    """(T,) s since its start and ln of how many times further apart than `LOUD` times the noise two runs of a trial are then;
+    both empty where they are one.
+    """
+    time, seen = _series(problem, trial, change)
+    if not len(time) or not np.isfinite(seen).all() or not np.any(seen):
+        return np.zeros(0), np.zeros(0)
+    far = np.mean(seen**2, axis=1) / LOUD**2
+    return time - problem.trials[trial].start, 0.5 * np.log(np.maximum(far, TINY))
 
 
 def _unskilled(problem: Problem, trial: int, residual: Array) -> tuple[Array, Array]:
