@@ -182,15 +182,15 @@ class Toppling(Pendulum):
         return Pendulum(self.rate if trial.start >= self.since else 0.0).path(trial)
 
 
-@pytest.mark.parametrize("contacts", [False, True])
-def test_windows_end_where_one_of_many_grows_beyond_all_others(contacts: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("swings", [False, True])
+def test_windows_end_where_one_of_many_grows_beyond_all_others(swings: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Least squares count squares; but what a touch of the ground parts comes together again."""
-    monkeypatch.setattr("trueup.loop.windows.carried", lambda problem: contacts)
+    monkeypatch.setattr("trueup.loop.windows.swinging", lambda problem: swings)
     channel = Channel("position", ("x",), "m", TIME, SIGMA * np.random.default_rng(0).standard_normal((len(TIME), 1)))
     command = Channel("command", ("x",), "m", TIME, np.zeros((len(TIME), 1)))
     robot = Toppling(8.0, since=0.7 * TIME[-1])
     problem = Problem(robot, [Recording("stands", {"position": channel, "command": command})], ByNoise())  # type: ignore[arg-type]
-    assert (window_length(problem, SPACE.nominal) > 0.9) == contacts  # 0.99 s are looked at
+    assert (window_length(problem, SPACE.nominal) < 0.9) == swings  # 0.99 s are looked at
 
 
 class FromThere(Runner):

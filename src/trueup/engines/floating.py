@@ -28,6 +28,10 @@ def placed(simulator: object, trial: Trial) -> bool:
 class Passive(Protocol):
     """A Simulator that knows which joints nothing drives, and whether its robot touches anything."""
 
+    def swings(self, trial: Trial) -> bool:
+        """Whether joints were measured in a trial that nothing drives."""
+        ...
+
     def passive(self, trial: Trial) -> bool:
         """Whether contacts alone move joints that were measured in a trial: those of a boom that a hopper hangs on."""
         ...
@@ -36,3 +40,8 @@ class Passive(Protocol):
 def passive(simulator: object, trial: Trial) -> bool:
     """Whether contacts move joints of a trial that nothing drives; False where a simulator cannot tell."""
     return isinstance(simulator, Passive) and simulator.passive(trial)
+
+
+def swings(simulator: object, trial: Trial) -> bool:
+    """Whether joints were measured in a trial that nothing drives, as a cart's pole; False where a simulator cannot tell."""
+    return isinstance(simulator, Passive) and simulator.swings(trial)

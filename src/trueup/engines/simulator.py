@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended, with_end
-from trueup.engines.floating import passive, placed
+from trueup.engines.floating import passive, placed, swings
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
 from trueup.reckoned import reckoned_as
@@ -185,6 +185,10 @@ class InPlaceOf:
     def passive(self, trial: Trial) -> bool:
         """See `floating.passive`."""
         return passive(self.whole, trial)
+
+    def swings(self, trial: Trial) -> bool:
+        """See `floating.swings`."""
+        return swings(self.whole, trial)
 
     def reckoned(self, recording: Recording) -> Recording | None:
         """See `reckoned.Reckoning`."""

@@ -14,7 +14,17 @@ from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST, Starts
 from trueup.loop.start_errors import with_start_errors
-from trueup.loop.windows import GROWN, LOUD, SKILLED, by_torque, carried, in_windows, smooth_length, window_length
+from trueup.loop.windows import (
+    GROWN,
+    LOUD,
+    SKILLED,
+    by_torque,
+    carried,
+    in_windows,
+    smooth_length,
+    swinging,
+    window_length,
+)
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
@@ -45,10 +55,9 @@ def cut_for_search(
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
         smooth, values = horizon(problem, space, values)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
-    hung = space.free.any() and not (carried(problem) or _reckoned(problem))  # and not on its feet
-    if unstable := hung and bool(np.isfinite(lasting)):
+    if unstable := bool(np.isfinite(lasting) and space.free.any() and swinging(problem) and not _reckoned(problem)):
         values, lasting = lengthened(problem, space, values, lasting)
-    elif hung and by_torque(problem):
+    elif by_torque(problem) and not (carried(problem) or _reckoned(problem)) and space.free.any():
         smooth = led_length(problem, space, values, lasting)
         if smooth < lasting:
             reason = ": of several lengths a step of least squares explains this one best"

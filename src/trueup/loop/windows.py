@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
-from trueup.engines.floating import passive, placed
+from trueup.engines.floating import passive, placed, swings
 from trueup.inspection.repeats import BASE
 from trueup.loop.condensing import cut
 from trueup.loop.problem import WORTH, Problem
@@ -39,7 +39,8 @@ OFF = 0.03
 def window_length(problem: Problem, values: Array) -> float:
     """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to `LOUD` times the
     noise of what is measured at most, and a third of the time in which torques lead less astray than standing still.
-    Inf where all lasts.
+    Inf where all lasts. Where joints swing that nothing drives, noise is multiplied in few of many windows and decides the
+    loss there: the root mean square over windows counts, elsewhere the median.
 
     Two starts a standard deviation of the measurements apart are followed at values (n,), in each part of every trial. Their
     distance counts speeds by how far these lead until then, so that what drifts apart steadily does not grow: only what is
@@ -113,6 +114,13 @@ def carried(problem: Problem) -> bool:
     return all(set(BASE) & {*t.observed, *t.initial_sd} or passive(problem.simulator, t) for t in problem.trials)
 
 
+def swinging(problem: Problem) -> bool:
+    """Whether joints that nothing drives, nor contacts carry, swing in all that is replayed: how replays of these part is
+    chance where a pole may go over the top or not, and so is which of many windows they part in.
+    """
+    return not carried(problem) and all(swings(problem.simulator, t) for t in problem.trials)
+
+
 def by_torque(problem: Problem) -> bool:
     """Whether drives are told torques or forces in all that is replayed."""
     return all(t.command is not None and t.command.unit in ("N m", "N") for t in problem.trials)
@@ -162,7 +170,7 @@ def _reached(problem: Problem, values: Array, *, skill: bool) -> tuple[float, fl
     near, far = both.plain_residuals(values[None]).reshape(2, -1)
     trials = range(len(problem.trials))
     grown = _lasting([_growth(problem, k, far - near) for k in trials])
-    if not carried(problem):
+    if swinging(problem):
         grown = min(grown, _lasting([_loudness(problem, k, far - near) for k in trials], _root_mean_square))
     return grown, _lasting([_unskilled(problem, k, near) for k in trials]) if skill else np.inf
 

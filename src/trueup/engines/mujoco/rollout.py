@@ -201,10 +201,13 @@ class MujocoSimulator:
         return self._touching is True
 
     def passive(self, trial: Trial) -> bool:
-        """See `engines.simulator.Passive`. What tendons and equalities move counts as driven."""
+        """See `engines.floating.Passive`."""
+        return self.touches and self.swings(trial)
+
+    def swings(self, trial: Trial) -> bool:
+        """See `engines.floating.Passive`. What tendons and equalities move counts as driven."""
         seen, driven = trial.observed.get("position"), self.model.actuator_of_joint()
-        moved = self.compiled.ntendon or self.compiled.neq or seen is None or driven.keys() >= set(seen.labels)
-        return not moved and self.touches
+        return not (self.compiled.ntendon or self.compiled.neq or seen is None or driven.keys() >= set(seen.labels))
 
     def reckoned(self, recording: Recording) -> Recording | None:
         """See `engines.simulator.Reckoning`."""
