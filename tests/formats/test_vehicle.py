@@ -368,6 +368,32 @@ def test_speeds_along_x_and_y_of_the_place_are_no_speed_along_the_vehicle(tmp_pa
         assert recording.channel("position").labels == ("x", "y")
 
 
+def test_a_place_and_speeds_in_files_of_their_own_are_not_compared_row_by_row(tmp_path: Path) -> None:
+    """AMCL's pose at 5 Hz beside odometry at 50: whether speeds were rates of the place ended in a traceback."""
+    (tmp_path / "run").mkdir()
+    stamp = "header.stamp.secs,header.stamp.nsecs,"
+    files = {
+        "cmd_vel.csv": (0.05, "twist.linear.x,twist.angular.z", lambda t: (0.5 + 0.2 * np.sin(t), np.cos(t))),
+        "amcl_pose.csv": (
+            0.2,
+            "pose.pose.position.x,pose.pose.position.y,pose.pose.orientation.z,pose.pose.orientation.w",
+            lambda t: (0.5 * t, 0.1 * np.sin(t), np.sin(0.1 * t), np.cos(0.1 * t)),
+        ),
+        "odom.csv": (
+            0.02,
+            "twist.twist.linear.x,twist.twist.linear.y,twist.twist.angular.z",
+            lambda t: (0.5 + 0.1 * np.sin(t), 0.0 * t, np.cos(t - 0.2)),
+        ),
+    }
+    for name, (step, columns, values) in files.items():
+        t = np.arange(0.0, 12.0, step)
+        table = np.column_stack([1.718e9 + np.floor(t), np.round((t % 1.0) * 1e9), *values(t)])
+        np.savetxt(tmp_path / "run" / name, table, delimiter=",", header=stamp + columns, comments="", fmt="%.12g")
+    (recording,) = read(tmp_path / "run", joints=None)
+    rows = {name: len(recording.channel(name).time) for name in ("command", "position", "orientation", "speed")}
+    assert rows == {"command": 240, "position": 60, "orientation": 60, "speed": 600}
+
+
 def test_a_donkey_cars_catalog_is_read(tmp_path: Path) -> None:
     lines = [
         {"_index": k, "_timestamp_ms": 1.6e12 + 50.0 * k, "user/angle": 0.1 * (k % 5), "user/throttle": 0.3,

@@ -243,7 +243,9 @@ def usable(instants: Array, *signals: Array) -> Mask:
 
 
 def _factor(column: Column, beside: Column, time: TimeColumn, *, derive: bool) -> float | None:
-    """How many times the values of another column, or their rate, one is."""
+    """How many times the values of another column of its table, or their rate, one is; None in tables of their own."""
+    if column.table is not beside.table:
+        return None
     values, reference = column.values, beside.values
     if not derive:
         return factor(values, reference)
