@@ -155,6 +155,7 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
         "°c": "degC",
         "kelvin": "K",
         "percent": "%",
+        "prozent": "%",
         "‰": "permille",
     }
 )

@@ -169,7 +169,7 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
     columns = tuple(s.column for s in signals.values())
     degrees = [c.name for (label, s), c in zip(signals.items(), columns, strict=True) if _in_degrees(label, s, signals)]
     scale = tuple(math.radians(1.0) if s.column.name in degrees else _scale(s, usual) for s in signals.values())
-    more = ", growing to the left" if channel == "heading" else ""
+    more = "; the way driven tells which way it grows, and from where" if channel == "heading" else ""
     more += f"; the numbers of {' and '.join(degrees)} are degrees" if degrees else ""
     if channel == "speed" and not _says(signals[own]) and (unit := _unit_of_speed(columns[0], parts, time)):
         scale, more = (size_of(unit),), f"; by the way its numbers are {unit}"

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -55,10 +56,10 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
         ("mmps",): "mm/s", ("cmps",): "cm/s",
         **dict.fromkeys((("m", "s2"), ("m", "s^2"), ("ms2",), ("mps2",)), "m/s^2"),
         **dict.fromkeys((("rads",), ("radps",)), "rad/s"), **dict.fromkeys((("dps",), ("degs",), ("degps",)), "deg/s"),
-        **dict.fromkeys((("degrees",), ("degree",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
+        **dict.fromkeys((("degrees",), ("degree",), ("grad",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
         ("rev", "s"): "rev/s", ("rps",): "rev/s",
-        **dict.fromkeys((("percent",), ("pct",)), "%"), ("us",): "1", ("nm",): "N m", ("mnm",): "mN m", ("a",): "A",
-        ("ma",): "mA", ("v",): "V", ("mv",): "mV", ("c",): "degC", ("degc",): "degC", ("k",): "K", ("n",): "N",
+        **dict.fromkeys((("percent",), ("pct",), ("prozent",)), "%"), ("us",): "1", ("nm",): "N m", ("mnm",): "mN m",
+        ("a",): "A", ("ma",): "mA", ("v",): "V", ("mv",): "mV", ("c",): "degC", ("degc",): "degC", ("k",): "K", ("n",): "N",
     }
 )  # fmt: skip
 """Words at the end of a name: the unit; "1" for the microseconds of a pulse, which is a number as good as any."""
@@ -108,10 +109,11 @@ class Name:
 
 def taken_apart(name: str) -> Name:
     """The name in its parts."""
+    name = unicodedata.normalize("NFC", name)
     match = _BRACKETED_UNIT.search(name)
     unit = canonical(match[1]) if match and match[1] else None
     text = name[: match.start()].rstrip(" _") if match is not None and unit else name
-    spans = tuple((word[0].lower(), word.start(), word.end()) for word in _WORD.finditer(text))
+    spans = tuple((word[0].lower(), word.start(), word.end()) for word in _WORD.finditer(_without_accents(text)))
     tail, where = ("", range(0)) if unit else _tail(text, spans)
     return Name(text, unit or "", spans, tail, where)
 
@@ -151,7 +153,12 @@ def axes(plain: Sequence[str]) -> frozenset[str]:
 
 def words(name: str) -> list[str]:
     """The words and numbers of a name, in lower case: "jointPos_1" -> joint, pos, 1."""
-    return [match[0].lower() for match in _WORD.finditer(name)]
+    return [match[0].lower() for match in _WORD.finditer(_without_accents(unicodedata.normalize("NFC", name)))]
+
+
+def _without_accents(name: str) -> str:
+    """The same name, letter by letter, with plain letters: an accent ends no word ("Längengrad", "posición")."""
+    return "".join(unicodedata.normalize("NFD", letter)[0] for letter in name)
 
 
 def is_time(name: str) -> bool:
