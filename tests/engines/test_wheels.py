@@ -15,7 +15,7 @@ from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.prediction import prediction_errors
-from trueup.engines.vehicle.vehicle import TURNED
+from trueup.engines.vehicle.vehicle import PURSUED, TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ModelError, ParameterError, RecordingError
 from trueup.loop.calibrate import Options
@@ -327,6 +327,25 @@ def test_a_dead_zone_is_refused_where_wheels_are_not_told_shares() -> None:
     assert Vehicle(
         "robot", TRACK, drive=TURNED, wheels=SIZES, full=(500.0, -500.0), values={"wheel_dead": 0.1}
     ).told_shares
+
+
+@pytest.mark.parametrize(
+    ("drive", "in_si", "says"),
+    [
+        (TURNED, True, "speed in m/s and turn rate in rad/s, of two driven wheels"),
+        (TURNED, False, "mean and difference of what a left and a right wheel are told, as shares of the full command"),
+        (PURSUED, True, "speed in m/s and steering in rad"),
+        (PURSUED, False, "speed and steering as in the logs, beyond middle and over full"),
+    ],
+)
+def test_a_written_file_says_in_which_units_the_vehicle_is_commanded(
+    drive: str, in_si: bool, says: str, tmp_path: Path
+) -> None:
+    """A robot that cmd_vel drives was said to be told shares by two wheels, a tractor's percent of steering to be rad."""
+    sizes = SIZES if drive == TURNED else None
+    robot = Vehicle("robot", TRACK, drive=drive, wheels=sizes, full=(1.0, 1.0), in_si=in_si)
+    write_vehicle(robot, tmp_path / "robot.toml")
+    assert f"# commands: {says}\n" in (tmp_path / "robot.toml").read_text(encoding="utf-8")
 
 
 def test_three_wheels_that_are_told_one_by_one_are_said_to_drive_sideways() -> None:

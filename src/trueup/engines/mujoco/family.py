@@ -43,6 +43,7 @@ from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
+from trueup.engines.mujoco.setup.senses import turned_otherwise
 from trueup.engines.mujoco.setup.states import with_states_parted
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_told
@@ -119,13 +120,13 @@ class Articulated(Family):
         return {word for words in GAINS.values() for word in words}
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
-        """See Family: positions beyond what the model allows or far beside commands, and sensors in other units."""
+        """See Family: positions beyond what the model allows or far beside commands, what turns the other way, units."""
         recordings, told = with_inertial_units(recordings)
         units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
-        turned = mounted_otherwise(model, recordings)
-        feet = sliding(legs_of(model), recordings)
-        return (*beyond, *units, *turned, *feet, *beside_commands(recordings), *at_other_voltages(recordings))
+        turned = (*mounted_otherwise(model, recordings), *sliding(legs_of(model), recordings))
+        senses = turned_otherwise(model, recordings)
+        return (*beyond, *units, *turned, *senses, *beside_commands(recordings), *at_other_voltages(recordings))
 
     def suited(
         self, model: Model, training: Sequence[Recording], held_out: Sequence[Recording] = (), refuse: Collection[str] = ()

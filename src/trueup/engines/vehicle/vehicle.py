@@ -93,7 +93,8 @@ class Vehicle:
     @property
     def told_shares(self) -> bool:
         """Whether two wheels are told shares of one full command, so that mean and difference tell each wheel's own."""
-        return self.wheels is not None and self.full is not None and abs(self.full[0]) == abs(self.full[1])
+        one_full = self.full is not None and abs(self.full[0]) == abs(self.full[1])
+        return self.wheels is not None and one_full and not self.in_si
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:

@@ -23,6 +23,7 @@ _COMMANDS = {
     "speed": "speed in m/s and steering in rad",
     "turn": "speed in m/s and turn rate in rad/s, of two driven wheels",
 }
+_AS_LOGGED = "speed and steering as in the logs, beyond middle and over full"
 _SHARES = "mean and difference of what a left and a right wheel are told, as shares of the full command"
 _EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steering_rate_limit", 1.0)}
 """Quantities as files named them before: the name that they have now, and the factor to its value."""
@@ -87,7 +88,7 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         "[vehicle]",
         f"name = {quoted(vehicle.name)}",
         *_sizes(vehicle),
-        f'drive = "{said}"  # commands: {_SHARES if vehicle.told_shares else _COMMANDS[said]}',
+        f'drive = "{said}"  # commands: {_commands(vehicle, said)}',
     ]
     if vehicle.driven:
         lines.append(f'driven = "{vehicle.driven}"  # the axle whose speed is commanded; the front one is steered')
@@ -102,6 +103,13 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         about = f"{q.unit + ', ' if q.unit else ''}{q.about}"
         lines.append(f"{name} = {float(value)!r}  # {about}{'; ' + note if note else ''}")
     write_aside("\n".join(lines) + "\n", path)
+
+
+def _commands(vehicle: Vehicle, drive: str) -> str:
+    """What commands a vehicle, and in which units as far as these are known."""
+    if vehicle.told_shares:
+        return _SHARES
+    return _AS_LOGGED if drive == "speed" and vehicle.full and not vehicle.in_si else _COMMANDS[drive]
 
 
 def _over(given: _VehicleFile, where: str) -> float:
