@@ -15,7 +15,7 @@ from trueup.controllers.stanley import Stanley, StanleySettings
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.ends import Arrived, Left
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.vehicle.vehicle import DRIVES
+from trueup.engines.vehicle.vehicle import DRIVES, PURSUED
 from trueup.errors import ModelError, ParameterError, RecordingError, UnknownNameError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT
@@ -25,6 +25,7 @@ from trueup.tasks.follow_path import FollowPath
 from trueup.testing import check_simulator
 from trueup.tracking.windows import windows
 from trueup.trial import Observed, Trial
+from trueup.verdicts import judged
 
 BARE = Vehicle("bare", wheelbase=0.55, max_steering=0.698)
 
@@ -276,3 +277,11 @@ def test_wheels_that_take_long_from_side_to_side_are_where_all_that_was_commande
     assert estimates["steering_rate_limit"].value == pytest.approx(0.2, rel=0.05)
     for name, value in truth.items():
         assert estimates[name].low < value < estimates[name].high, name
+
+
+@pytest.mark.parametrize("name", ["steering_slack", "speed_lag", "steering_lag", "curve_loss"])
+def test_a_lag_or_a_play_of_zero_is_none_rather_than_a_bound_to_widen(name: str) -> None:
+    """Play of a steering "wants to go beyond its lower bound: widen it" was said of what cannot be less than none."""
+    space = Vehicle("car", 0.3, drive=PURSUED).space()
+    verdict = judged(space.parameters[space.index(name)], 0.0, 0.01, 0.0, 0.0, 0.01)
+    assert (verdict.word, verdict.note) == ("at bound", f"none is seen ({name} at its lower bound)")

@@ -196,7 +196,7 @@ class Vehicle:
             q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by,
             optional=q.optional, absent=q.absent if q.optional or q.is_limit else None,
             unidentified=None if q.name in self.values else unidentified,
-            vanishes=lower == 0.0 == q.absent,
+            vanishes=lower == 0.0,
         )  # fmt: skip
 
 
