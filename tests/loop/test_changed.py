@@ -25,11 +25,11 @@ _ARM = """<mujoco><option timestep="0.002"/><worldbody><body>
 _PARAMETERS = '[[parameter]]\nquantity = "kp"\nof = "*"\n[[parameter]]\nquantity = "damping"\nof = "*"\n'
 
 
-def _run(*, loaded_from: float = np.inf, more: float = 0.0) -> Recording:
+def _run(*, loaded_from: float = np.inf, more: float = 0.0, name: str = "log", pace: float = 1.0) -> Recording:
     """12 s of an arm that takes up 0.4 kg, or whose friction grows with the square of speed; the last 5 s are faster."""
     model = mujoco.MjModel.from_xml_string(_ARM.format(damping=0.4, kp=70, more=more))
     data, time, seen = mujoco.MjData(model), np.arange(0.0, 12.0, 0.02), []
-    phase = np.cumsum(np.where(time < 7.0, 1.5, 3.0)) * 0.02
+    phase = np.cumsum(np.where(time < 7.0, 1.5, 3.0)) * 0.02 * pace
     told = 0.4 * np.stack([np.sin(phase), np.sin(1.7 * phase)], axis=1)
     for now, row in zip(time, told, strict=True):
         seen.append(data.qpos.copy())
@@ -40,13 +40,13 @@ def _run(*, loaded_from: float = np.inf, more: float = 0.0) -> Recording:
         mujoco.mj_step(model, data, 10)
     noisy = np.array(seen) + np.random.default_rng(0).normal(0.0, 3e-4, (len(time), 2))
     rows = {"command": told, "position": noisy}
-    return Recording("log", {name: Channel(name, ("a", "b"), "rad", time, values) for name, values in rows.items()})
+    return Recording(name, {role: Channel(role, ("a", "b"), "rad", time, values) for role, values in rows.items()})
 
 
-def _calibrated(folder: Path, run: Recording) -> Calibration:
+def _calibrated(folder: Path, *runs: Recording) -> Calibration:
     (folder / "arm.xml").write_text(_ARM.format(damping=0.2, kp=50, more=0.0))
     (folder / "parameters.toml").write_text(_PARAMETERS)
-    ready = prepare(folder / "arm.xml", [run], parameters=folder / "parameters.toml", refuse=["zero"])
+    ready = prepare(folder / "arm.xml", runs, parameters=folder / "parameters.toml", refuse=["zero"])
     return ready.calibrate(Options(search="gradient", cross_validate=False))
 
 
@@ -61,3 +61,19 @@ def test_a_load_that_is_taken_up_within_a_recording_is_named_with_its_instant(tm
 def test_friction_of_another_form_is_no_change_of_the_robot(more: float, tmp_path: Path) -> None:
     found = _calibrated(tmp_path, _run(more=more))
     assert not [w for w in found.warnings if "becomes another one" in w]
+
+
+def test_recordings_with_a_load_are_told_from_those_without(tmp_path: Path) -> None:
+    """Which of the two is the robot nobody knows: the fewer are named."""
+    loads = {"slow": np.inf, "heavy": 0.0, "fast": np.inf}
+    runs = [_run(loaded_from=loaded, name=n, pace=0.7 + 0.3 * i) for i, (n, loaded) in enumerate(loads.items())]
+    found = _calibrated(tmp_path, *runs)
+    (said,) = [w for w in found.warnings if "another one than in the other recordings" in w]
+    assert said.startswith("in 'heavy' the robot is another one")
+    assert "identified" not in {e.verdict for e in found.estimates}  # kp is that of no load, nor of one
+
+
+@pytest.mark.parametrize("more", [0.0, 0.6])
+def test_recordings_at_several_speeds_are_of_one_robot_whatever_its_friction(more: float, tmp_path: Path) -> None:
+    runs = [_run(more=more, name=str(pace), pace=pace) for pace in (0.4, 0.8, 1.2)]
+    assert not [w for w in _calibrated(tmp_path, *runs).warnings if "another one" in w]

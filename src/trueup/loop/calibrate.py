@@ -21,7 +21,7 @@ from trueup.errors import CalibrationError
 from trueup.inspection.outstanding import NAME
 from trueup.inspection.released import LONG
 from trueup.loop.anew import ANEW
-from trueup.loop.changed import changes
+from trueup.loop.changed import changes, of_several
 from trueup.loop.checks import check, doubtful_units
 from trueup.loop.chooser import Chooser
 from trueup.loop.disturbed import LeftOut, deviations_in, disturbed
@@ -125,8 +125,10 @@ def calibrate(
     if chosen.undisturbed and more.gaps:
         shown = laid.replayed(found.values, judged := more.of(judged))
     warnings += doubtful_units((*training, *judged), shown)
-    told = (*warnings, *known.and_also(more).sentences(bool(chosen.undisturbed)), *changes(problem, found))
+    several, left = changes(problem, found), known.and_also(more).sentences(bool(chosen.undisturbed))
+    told = (*warnings, *left, *several)
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
+    findings["estimates"] = of_several(findings["estimates"]) if several else findings["estimates"]
     crossed = _cross_validation(problem, found, shown, chosen)
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,
                        evaluations=problem.evaluations, seconds=time.perf_counter() - began,

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a robot was the same all through a recording, or a load was taken up, a tool changed, a belt slipped.
+"""Whether a robot was the same all through a recording, and in all of them, or a load was taken up, a belt slipped.
 
 One set of values cannot replay both parts of such a recording, and no residual says so: friction and gains take up what they
 can of it. By the slopes where the fit ended each part is given values of its own, at every place where it may be cut, and
 judged by stretches that these values did not see (a test of constancy: G. Chow, Econometrica 28, 1960, at an unknown place).
+The same is asked of recordings: one, and those that are best replayed with it, against all others.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueup.arrays import Array, Integers
+from trueup.arrays import Array, Integers, Mask
+from trueup.calibration import Estimate
 from trueup.evidence import FEWEST_PARTS, Evidence, explained
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
@@ -36,12 +39,23 @@ class _Squares:
     square: Array
     """(K,)."""
 
+    @classmethod
+    def of(cls, slopes: Array, errors: Array, which: Integers, count: int) -> _Squares:
+        """Of slopes (m, n) and errors (m,), each in one of so many stretches (m,)."""
+        parts = [(slopes[which == k], errors[which == k]) for k in range(count)]
+        curvature, slope = np.array([j.T @ j for j, _ in parts]), np.array([j.T @ r for j, r in parts])
+        return cls(curvature, slope, np.array([r @ r for _, r in parts]))
+
     def settled(self, stretches: Integers) -> Array:
         """(n,) the step to where these stretches are replayed best, by their slopes."""
         n = self.slope.shape[1]
         return -np.linalg.solve(
             self.curvature[stretches].sum(axis=0) + PRIOR * np.eye(n), self.slope[stretches].sum(axis=0)
         )
+
+    def least(self, stretches: Integers) -> float:
+        """The sum of squares that these stretches keep where they settle, with what that place costs."""
+        return float(self.square[stretches].sum() + self.slope[stretches].sum(axis=0) @ self.settled(stretches))
 
     def left_out(self, stretches: Integers) -> Array:
         """(len(stretches),) errors of each of these stretches, by values that all others of them settle at."""
@@ -51,11 +65,19 @@ class _Squares:
 
 
 def changes(problem: Problem, found: Fit) -> tuple[str, ...]:
-    """A sentence for each recording within which the robot became another one, by its replays; none where these are noise."""
+    """A sentence for each recording within which the robot became another one, by its replays, and one for recordings in
+    which it was another one than in the others; none where replays leave noise.
+    """
     if explained(found.residual) or problem.eliminated or not found.jacobian.size:
         return ()
-    sentences = (_change(problem, found, k) for k in range(len(problem.recordings)))
-    return tuple(said for said in sentences if said)
+    sentences = [_change(problem, found, k) for k in range(len(problem.recordings))]
+    return tuple(said for said in (*sentences, _apart(problem, found)) if said)
+
+
+def of_several(estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """Estimates by recordings that are not of one robot (see `changes`): none is said to be any robot's own."""
+    note = "replays all of them best, yet the recordings are not of one and the same robot"
+    return tuple(replace(e, verdict="effective", note=note) if e.verdict == "identified" else e for e in estimates)
 
 
 def _change(problem: Problem, found: Fit, recording: int) -> str:
@@ -75,7 +97,8 @@ def _change(problem: Problem, found: Fit, recording: int) -> str:
     if not shown.halves:
         return ""
     labels, numbers = labelled(problem.segments)
-    names = _named(squares, cut, slopes, errors, which, labels, numbers[rows])
+    own_values = squares.settled(np.arange(cut)), squares.settled(np.arange(cut, _STRETCHES))
+    names = _named(own_values, which >= cut, slopes, errors, labels, numbers[rows])
     return (
         f"within '{problem.recordings[recording].name}' the robot becomes another one about {edges[cut]:.4g} s: with values "
         f"of their own before and after, errors would be {100.0 * np.exp(-shown.gain):.0f} % of what they are (most at "
@@ -84,14 +107,74 @@ def _change(problem: Problem, found: Fit, recording: int) -> str:
     )
 
 
+def _apart(problem: Problem, found: Fit) -> str:
+    """A sentence on recordings that are as of another robot than the others; '' where values of their own gain little."""
+    laid = _by_recording(problem)
+    if len(laid) < 2:
+        return ""
+    rows = np.concatenate([own for own, _ in laid.values()])
+    which = np.concatenate([FEWEST_PARTS * i + part for i, (_, part) in enumerate(laid.values())])
+    root = np.sqrt(found.weights[rows])
+    slopes, errors = found.jacobian[rows] * root[:, None], found.residual[rows] * root
+    squares = _Squares.of(slopes, errors, which, FEWEST_PARTS * len(laid))
+    fewer = _grown(squares, len(laid))
+    here, there = (_stretches(group) for group in (fewer, [i for i in range(len(laid)) if i not in fewer]))
+    shown = compared(
+        squares.left_out(np.concatenate([here, there])),
+        np.concatenate([squares.left_out(here), squares.left_out(there)]),
+    )
+    if not shown.halves:
+        return ""
+    labels, numbers = labelled(problem.segments)
+    own = squares.settled(here), squares.settled(there)
+    most = ", ".join(_named(own, ~np.isin(which, here), slopes, errors, labels, numbers[rows]))
+    names = [problem.recordings[k].name for k in laid]
+    of = " and ".join(f"'{names[i]}'" for i in fewer)
+    return (
+        f"in {of} the robot is another one than in the other recordings: with values of its own for either, errors would be "
+        f"{100.0 * np.exp(-shown.gain):.0f} % of what they are (most at {most}). Did it carry a load there, or another tool? "
+        "No values hold for both, nor do their intervals: calibrate with those recordings that are the robot"
+    )
+
+
+def _by_recording(problem: Problem) -> dict[int, tuple[Integers, Integers]]:
+    """The rows (m,) of each recording, and in which of FEWEST_PARTS stretches of its time each is; of those that have all."""
+    found = {}
+    for recording in range(len(problem.recordings)):
+        own = [s for s in problem.segments if s.recording == recording]
+        times = np.concatenate([_times(problem, s) for s in own]) if own else np.zeros(0)
+        if not times.size:
+            continue
+        edges = np.linspace(times.min(), times.max(), FEWEST_PARTS + 1)
+        part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, FEWEST_PARTS - 1)
+        if len(np.unique(part)) == FEWEST_PARTS:
+            found[recording] = np.concatenate([np.arange(s.columns.start, s.columns.stop) for s in own]), part
+    return found
+
+
+def _grown(squares: _Squares, count: int) -> list[int]:
+    """Which of so many recordings keep least, beside all others, with values of their own: one, and all that join it."""
+
+    def kept(group: list[int]) -> float:
+        return sum(squares.least(_stretches(g)) for g in (group, [i for i in range(count) if i not in group]))
+
+    group = min(([i] for i in range(count)), key=kept)
+    while len(group) < count - 1:
+        more = min(([*group, i] for i in range(count) if i not in group), key=kept)
+        if kept(more) >= kept(group):
+            break
+        group = more
+    return sorted(group if 2 * len(group) <= count else [i for i in range(count) if i not in group])
+
+
+def _stretches(recordings: Sequence[int]) -> Integers:
+    """The stretches of recordings, FEWEST_PARTS of each."""
+    return (FEWEST_PARTS * np.asarray(recordings)[:, None] + np.arange(FEWEST_PARTS)).reshape(-1)
+
+
 def _best_cut(slopes: Array, errors: Array, which: Integers) -> tuple[Evidence, int, _Squares]:
     """What is gained by values of their own before and after a stretch (with its number), where that is most."""
-    parts = [(slopes[which == k], errors[which == k]) for k in range(_STRETCHES)]
-    squares = _Squares(
-        np.array([j.T @ j for j, _ in parts]),
-        np.array([j.T @ r for j, r in parts]),
-        np.array([r @ r for _, r in parts]),
-    )
+    squares = _Squares.of(slopes, errors, which, _STRETCHES)
     every = np.arange(_STRETCHES)
     whole = squares.left_out(every)
     tried: list[tuple[float, int, Array]] = []
@@ -103,11 +186,10 @@ def _best_cut(slopes: Array, errors: Array, which: Integers) -> tuple[Evidence, 
 
 
 def _named(
-    squares: _Squares, cut: int, slopes: Array, errors: Array, which: Integers, names: list[str], labels: Integers
+    values: tuple[Array, Array], second: Mask, slopes: Array, errors: Array, names: list[str], labels: Integers
 ) -> list[str]:
-    """The labels that gain most of what the first of them does by values of their own before and after."""
-    every = np.arange(_STRETCHES)
-    steps = np.array([squares.settled(every[:cut]), squares.settled(every[cut:])])[(which >= cut).astype(int)]
+    """The labels that gain most of what the first of them does by values (n,) of their own for two kinds of rows (m,)."""
+    steps = np.array(values)[second.astype(int)]
     left = errors + np.einsum("mn,mn->m", slopes, steps)
     gains = np.bincount(labels, errors**2 - left**2, len(names))
     order = np.argsort(-gains).tolist()
