@@ -127,8 +127,7 @@ def calibrate(
     warnings += doubtful_units((*training, *judged), shown)
     several, left = changes(problem, found), known.and_also(more).sentences(bool(chosen.undisturbed))
     told = (*warnings, *left, *several)
-    findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch)
-    findings["estimates"] = of_several(findings["estimates"]) if several else findings["estimates"]
+    findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch, several)
     crossed = _cross_validation(problem, found, shown, chosen)
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,
                        evaluations=problem.evaluations, seconds=time.perf_counter() - began,
@@ -230,9 +229,9 @@ def usual(channels: Sequence[str]) -> tuple[str, ...]:
 
 def _findings(
     problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str], earlier: Earlier | None, chosen: Options,
-    watch: Watch,
+    watch: Watch, several: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
-    """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
+    """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows, `several`: of `changes`."""
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
     covariance = unit_covariance(problem, found := as_wide_as_seen(problem, found))
     unasked = unasked_by(problem, found) if chosen.lacking is None else ()
@@ -257,7 +256,7 @@ def _findings(
         told = with_logged(told, problem.simulator, found.values, problem.recordings)
     return {
         "model_name": problem.simulator.name,
-        "estimates": told,
+        "estimates": of_several(told, several),
         "covariance": _in_units(found, covariance),
         "nuisance": nuisance(owed),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),

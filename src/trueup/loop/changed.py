@@ -74,8 +74,10 @@ def changes(problem: Problem, found: Fit) -> tuple[str, ...]:
     return tuple(said for said in (*sentences, _apart(problem, found)) if said)
 
 
-def of_several(estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
-    """Estimates by recordings that are not of one robot (see `changes`): none is said to be any robot's own."""
+def of_several(estimates: Sequence[Estimate], said: Sequence[str]) -> tuple[Estimate, ...]:
+    """Estimates by recordings of which it is `said` that they are not of one robot (see `changes`): none is its own."""
+    if not said:
+        return tuple(estimates)
     note = "replays all of them best, yet the recordings are not of one and the same robot"
     return tuple(replace(e, verdict="effective", note=note) if e.verdict == "identified" else e for e in estimates)
 
