@@ -105,3 +105,16 @@ def test_channels_that_the_mapping_says_are_shares_lack_no_unit(
         Path("mapping.toml").write_text(told + push.format(unit))
         assert main(["inspect", "log.csv"]) == 0
         assert said in capsys.readouterr().out
+
+
+def test_what_never_changes_is_asked_for_no_unit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0.0, 3.0, 0.02)
+    rows = np.stack([time, np.sin(time), np.zeros_like(time)], axis=1)
+    np.savetxt("log.csv", rows, delimiter=",", header="t,q_cart,height_z", comments="")
+    assert main(["inspect", "log.csv"]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "height" in line]
+    assert "0 all along" in line
+    assert "unknown" not in line

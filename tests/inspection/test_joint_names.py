@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.inspection.joint_names import match_joints, named_as, sure_names
+from trueup.inspection.joint_names import match_joints, named_as, sure_names, ways
 from trueup.recording import Channel, Recording
 
 ARM = {"joint_1": "joint_1", "joint_2": "joint_2", "right_carriage": "", "left_carriage": "left_gripper"}
@@ -103,3 +103,12 @@ def test_numbered_joints_of_an_arm_are_not_those_of_its_wrist() -> None:
         names, how = match_joints(labels, dict.fromkeys(arm, "driven"))
         assert list(names.values()) == arm
         assert "check" in how
+
+
+def test_names_that_are_alike_are_not_among_those_that_go_by_order() -> None:
+    names = {"Shoulder": "shoulder", "left": "lift", "elbow": "elbow"}
+    assert ways(names, "by order") == ["by name: Shoulder -> shoulder", "by order: left -> lift"]
+    assert ways({"joint_0": "joint_1", "joint_1": "joint_2"}, "by order") == [
+        "by order: joint_0 -> joint_1, joint_1 -> joint_2"
+    ]
+    assert not ways({"elbow": "elbow"}, "by name")

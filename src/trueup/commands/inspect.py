@@ -237,6 +237,8 @@ def _line(channel: ChannelInspection, shares: Collection[str]) -> str:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
     unsaid = "of a quaternion" if is_quaternion(channel.labels) else "unit unknown: say it in the mapping"
+    if np.array_equal(channel.lowest, channel.highest):  # no unit tells anything of what never changes
+        unsaid = f"{_span(channel)} all along"
     none = _UNITLESS.get(channel.name, unsaid)
     if channel.name.startswith("command") and all(
         _is_share(x) for x, u in zip(channel.labels, units, strict=True) if not u

@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats import ChannelColumns, ChannelMap
-from trueup.inspection.joint_names import alike_names, match_joints, one_each
+from trueup.inspection.joint_names import alike_names, match_joints, one_each, ways
 from trueup.inspection.sensors import labels_of, sensed
 from trueup.recording import Channel, Recording
 from trueup.rounding import ROUNDED
@@ -92,8 +92,7 @@ def renamed(
     parts = [match_joints(part, drives) for part in (measured, [x for x in labels if x not in measured]) if part]
     names = one_each({label: joint for found, _ in parts for label, joint in found.items()} | several, recordings)
     how = max((how for _, how in parts), default="by name")  # 'by order' where any is
-    said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
-    notes = [f"joints renamed {how}: {said}"] if said else []
+    notes = [f"joints renamed {way}" for way in ways(names, how)]
     unknown = [label for label in labels if label not in names]
     if unknown:
         left = [j for j in (*drives, *others) if j not in names.values()]

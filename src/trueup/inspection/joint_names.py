@@ -112,8 +112,19 @@ def _renamed(recordings: Sequence[Recording], names: Mapping[str, str], how: str
         r.rename({old: new for old, new in changed.items() if old in known})
         for r, known in zip(recordings, there, strict=True)
     ]
-    said = ", ".join(f"{old} -> {new}" for old, new in changed.items())
-    return renamed, [f"joints of the recordings are those of the model {how}: {said}"]
+    return renamed, [f"joints of the recordings are those of the model {way}" for way in ways(changed, how)]
+
+
+def ways(names: Mapping[str, str], how: str) -> list[str]:
+    """For each way in which labels were found to be joints of other names, that and these: those that are alike need no
+    `how` of the rest.
+    """
+    changed = {old: new for old, new in names.items() if old != new}
+    sure = alike_names([*changed], [*changed.values()])
+    parts: dict[str, list[str]] = {}
+    for old, new in changed.items():
+        parts.setdefault(_BY_NAME if sure.get(old) == new else how, []).append(f"{old} -> {new}")
+    return [f"{way}: {', '.join(pairs)}" for way, pairs in parts.items()]
 
 
 def _followed(recordings: Sequence[Recording], told: Sequence[str]) -> dict[str, str]:

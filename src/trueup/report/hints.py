@@ -100,7 +100,10 @@ def _hint(replays: Sequence[Replay], label: str, scale: Scale) -> Hint | None:
 
 def _sentence(replays: Sequence[Replay], label: str, score: Score, scale: Scale) -> str:
     if HALVED * score.after <= score.noise:
-        return "at the measurement noise: these recordings show nothing more to explain"
+        times = round(score.after / score.noise, 1) if score.noise else 1.0
+        if times <= 1.0:
+            return "at the measurement noise: these recordings show nothing more to explain"
+        return f"{times:g} times the measurement noise: these recordings show little more to explain"
     error, position, speed = _samples(replays, label)
     mean_square = float(np.mean(error**2)) if error.size else 0.0
     if error.size < 20 or mean_square == 0.0:
