@@ -26,7 +26,7 @@ _DELAYS = np.arange(0.0, 0.1, 0.01)
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _Servos:
     """A motion, and how far its k servos are behind what they were told each of DELAYS before: (D, L, k)."""
 
     motion: Motion
@@ -60,14 +60,14 @@ def turned_otherwise(model: Model, recordings: Sequence[Recording]) -> tuple[str
         least = min(found.values())
         if least < HALVED:
             return (
-                _said(
+                _sentence(
                     [names for names in sorted(found, key=found.__getitem__) if HALVED * found[names] <= least], least
                 ),
             )
     return ()
 
 
-def _said(ways: Sequence[tuple[str, ...]], least: float) -> str:
+def _sentence(ways: Sequence[tuple[str, ...]], least: float) -> str:
     either = ", or ".join(" and ".join(f"'{name}'" for name in names) for names in ways)
     several = len(ways[0]) > 1
     return (
@@ -101,7 +101,7 @@ def _on_servos(model: Model, recordings: Sequence[Recording]) -> dict[str, str]:
     return {joint: label for joint, label in labels.items() if label and joint in measured}
 
 
-def _excerpt(known: mujoco.MjModel, joints: Mapping[str, str], recordings: Sequence[Recording]) -> list[_Seen]:
+def _excerpt(known: mujoco.MjModel, joints: Mapping[str, str], recordings: Sequence[Recording]) -> list[_Servos]:
     """Up to EXCERPT s of the beginnings of all recordings: what turns the other way does so in every motion."""
     found = []
     for recording in recordings:
@@ -113,7 +113,7 @@ def _excerpt(known: mujoco.MjModel, joints: Mapping[str, str], recordings: Seque
         dofs, asked = [joint_id(known, joint) for joint in joints], command.select(tuple(joints.values()))
         behind = np.stack([asked.at(motion.time - delay, hold=True) - motion.position[:, dofs] for delay in _DELAYS])
         if np.isfinite(behind).all():
-            found.append(_Seen(motion, behind))
+            found.append(_Servos(motion, behind))
     return found
 
 
@@ -123,7 +123,7 @@ def _thinned(motion: Motion) -> Motion:
     return Motion(motion.time[::step], motion.position[::step], motion.speed[::step], motion.acceleration[::step])
 
 
-def _left(known: mujoco.MjModel, dofs: Sequence[int], seen: Sequence[_Seen], senses: Array) -> tuple[Array, Array]:
+def _left(known: mujoco.MjModel, dofs: Sequence[int], seen: Sequence[_Servos], senses: Array) -> tuple[Array, Array]:
     """(k,) shares of the squares of how far servos are behind their commands that loads do not explain, with joints in these
     senses (nv,), and the loads (L, k).
     """
