@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 
 from trueup.calibration import Calibration
 from trueup.loop.calibrate import Options
+from trueup.loop.changed import replayed_too
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
@@ -77,3 +80,20 @@ def test_recordings_with_a_load_are_told_from_those_without(tmp_path: Path) -> N
 def test_recordings_at_several_speeds_are_of_one_robot_whatever_its_friction(more: float, tmp_path: Path) -> None:
     runs = [_run(more=more, name=str(pace), pace=pace) for pace in (0.4, 0.8, 1.2)]
     assert not [w for w in _calibrated(tmp_path, *runs).warnings if "another one" in w]
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_values_of_their_own_that_slopes_promise_are_to_be_replayed(*, parts: bool) -> None:
+    """Errors of two recordings, +1 and -1, that values of their own take away, unless replays part on their own."""
+    errors = np.repeat([1.0, -1.0], 5)
+
+    def residuals(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        return errors + (6.0 + 0.0 * values if parts else values)
+
+    space = SimpleNamespace(from_unit=lambda unit: unit - 0.5)
+    problem = SimpleNamespace(residuals=residuals)
+    fit = SimpleNamespace(
+        space=space, unit=np.full(1, 0.5), residual=errors, jacobian=np.ones((10, 1)), weights=np.ones(10)
+    )
+    steps, second = (np.full(1, -0.5), np.full(1, 0.5)), errors < 0.0
+    assert replayed_too(cast("Any", problem), cast("Any", fit), steps, second, np.arange(10)) != parts

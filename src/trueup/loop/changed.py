@@ -4,7 +4,8 @@
 One set of values cannot replay both parts of such a recording, and no residual says so: friction and gains take up what they
 can of it. By the slopes where the fit ended each part is given values of its own, at every place where it may be cut, and
 judged by stretches that these values did not see (a test of constancy: G. Chow, Econometrica 28, 1960, at an unknown place).
-The same is asked of recordings: one, and those that are best replayed with it, against all others.
+The same is asked of recordings: one, and those that are best replayed with it, against all others. Replays by these values
+must show it too: slopes promise much where replays part on their own, as of a pole that goes over the top.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.calibration import Estimate
-from trueup.evidence import FEWEST_PARTS, Evidence, explained
+from trueup.evidence import FEWEST_PARTS, HALVED, Evidence, explained
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.segment import Segment, labelled
@@ -98,8 +99,10 @@ def _change(problem: Problem, found: Fit, recording: int) -> str:
     # Where a model has friction of another form, parts with other motion are replayed better by other values too, by less.
     if not shown.halves:
         return ""
-    labels, numbers = labelled(problem.segments)
     own_values = squares.settled(np.arange(cut)), squares.settled(np.arange(cut, _STRETCHES))
+    if not replayed_too(problem, found, own_values, which >= cut, rows):
+        return ""
+    labels, numbers = labelled(problem.segments)
     names = _named(own_values, which >= cut, slopes, errors, labels, numbers[rows])
     return (
         f"within '{problem.recordings[recording].name}' the robot becomes another one about {edges[cut]:.4g} s: with values "
@@ -127,9 +130,11 @@ def _apart(problem: Problem, found: Fit) -> str:
     )
     if not shown.halves:
         return ""
+    own, others = (squares.settled(here), squares.settled(there)), ~np.isin(which, here)
+    if not replayed_too(problem, found, own, others, rows):
+        return ""
     labels, numbers = labelled(problem.segments)
-    own = squares.settled(here), squares.settled(there)
-    most = ", ".join(_named(own, ~np.isin(which, here), slopes, errors, labels, numbers[rows]))
+    most = ", ".join(_named(own, others, slopes, errors, labels, numbers[rows]))
     names = [problem.recordings[k].name for k in laid]
     of = " and ".join(f"'{names[i]}'" for i in fewer)
     return (
@@ -185,6 +190,21 @@ def _best_cut(slopes: Array, errors: Array, which: Integers) -> tuple[Evidence, 
         tried.append((float(each @ each), cut, each))
     _, cut, each = min(tried, key=lambda t: t[0])
     return compared(whole, each), cut, squares
+
+
+def replayed_too(problem: Problem, found: Fit, steps: tuple[Array, Array], second: Mask, rows: Integers) -> bool:
+    """Whether errors at rows (m,) fall by at least half of what slopes foretell where two kinds of these take steps (n,) from
+    the fit of their own: the ratio by which trust regions judge a model (J. Nocedal, S. Wright, Numerical Optimization, 4.1).
+    """
+    places = found.space.from_unit(np.clip(found.unit + np.array(steps), 0.0, 1.0))
+    first, last = problem.residuals(places)[:, rows]
+    old, slopes = found.residual[rows], found.jacobian[rows]
+    foretold = old + np.einsum("mn,mn->m", slopes, np.array(steps)[second.astype(int)])
+    here, there, promised = (
+        float(np.linalg.norm(each * np.sqrt(found.weights[rows])))
+        for each in (old, np.where(second, last, first), foretold)
+    )
+    return here - there > HALVED * (here - promised)
 
 
 def _named(
