@@ -37,7 +37,7 @@ NOUNS = (
     "samples",
     "instant",
     "trial",
-    "told",
+    "watched_run",
     "reckoned",
     "ends",
     "typed_toml",

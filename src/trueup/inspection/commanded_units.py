@@ -50,7 +50,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class _Commanded:
+class _Part:
     """What a joint was told in one recording, (T,), every `step` s; (T, 4) where it was, how fast, which way, its load."""
 
     command: Array
@@ -134,14 +134,14 @@ def _lines(
     return found
 
 
-def _at_one_lag(parts: Mapping[str, Sequence[_Commanded]]) -> dict[str, Line]:
+def _at_one_lag(parts: Mapping[str, Sequence[_Part]]) -> dict[str, Line]:
     """The line of each joint at the lag at which they follow best, which is that of all drives, nearly."""
     each = [{x: _line(told, late) for x, told in parts.items()} for late in np.arange(0.0, SETTLES, LOOK).tolist()]
     return max(each, key=lambda found: sum(line.likeness for line in found.values()))
 
 
 def _of_group(
-    joints: Mapping[str, Way], parts: Mapping[str, Sequence[_Commanded]], lines: Mapping[str, Line]
+    joints: Mapping[str, Way], parts: Mapping[str, Sequence[_Part]], lines: Mapping[str, Line]
 ) -> dict[str, Line]:
     """Lines of joints with one factor, as what is known counts; or as measured, where they agree so well that weight and
     friction do not move it. None where neither is so, or where the factor is one that a soft servo has in rad.
@@ -166,10 +166,7 @@ def _of_group(
 
 
 def _as_the_others(
-    joints: Mapping[str, Way],
-    parts: Mapping[str, Sequence[_Commanded]],
-    rest: Collection[str],
-    lines: Mapping[str, Line],
+    joints: Mapping[str, Way], parts: Mapping[str, Sequence[_Part]], rest: Collection[str], lines: Mapping[str, Line]
 ) -> dict[str, Line]:
     """Lines of hinges that hardly moved, or not as they were told, by the factor of the others where that is one."""
     one = next(iter(lines.values()))
@@ -185,8 +182,8 @@ def _as_the_others(
     return found
 
 
-def _parts(drives: Mapping[str, str], recordings: Sequence[Recording], loads: Loads) -> dict[str, list[_Commanded]]:
-    parts: dict[str, list[_Commanded]] = {}
+def _parts(drives: Mapping[str, str], recordings: Sequence[Recording], loads: Loads) -> dict[str, list[_Part]]:
+    parts: dict[str, list[_Part]] = {}
     for recording in recordings:
         command, position = _without_unit(recording), recording.channels.get("position")
         if command is None or position is None or len(position.time) < 2:
@@ -199,7 +196,7 @@ def _parts(drives: Mapping[str, str], recordings: Sequence[Recording], loads: Lo
             told, there = command.select([label]).at(position.time, hold=True)[:, 0], position.column(joint)
             speed = _speed(there, position.time)
             motion = np.column_stack([there, speed, np.sign(speed), pulls.get(joint, np.zeros_like(there))])
-            parts.setdefault(joint, []).append(_Commanded(told, motion, step))
+            parts.setdefault(joint, []).append(_Part(told, motion, step))
     return parts
 
 
@@ -210,7 +207,7 @@ def _speed(values: Array, time: Array) -> Array:
     return np.interp(time, at, speed)
 
 
-def _line(parts: Sequence[_Commanded], late: float) -> Line:
+def _line(parts: Sequence[_Part], late: float) -> Line:
     """What a joint was told `late` s before as a line of its positions, beside what a servo adds to go on, against friction,
     and, where that is seen, to hold its weight.
     """
@@ -226,7 +223,7 @@ def _line(parts: Sequence[_Commanded], late: float) -> Line:
     return Line(per, zero, float(np.hypot(error[0], between)), alike, per, late)
 
 
-def _beginning(parts: Sequence[_Commanded], line: Line, seen: Seen, scale: NumberScale) -> Line:
+def _beginning(parts: Sequence[_Part], line: Line, seen: Seen, scale: NumberScale) -> Line:
     """A line with the factor of a scale and its zero, unless its joint is at zero where none rests beside what it is told."""
     told, motion = _held(parts, line.late)
     per = math.copysign(scale.per, line.per)
@@ -235,7 +232,7 @@ def _beginning(parts: Sequence[_Commanded], line: Line, seen: Seen, scale: Numbe
     return replace(line, per=per, zero=scale.zero if abs(scale.zero - zero) < seen.near * scale.per else zero)
 
 
-def _held(parts: Sequence[_Commanded], late: float) -> tuple[Array, Array]:
+def _held(parts: Sequence[_Part], late: float) -> tuple[Array, Array]:
     """(n,) what was told so long before, and (n, 4) motions, of all recordings."""
     rows = [np.zeros((0, 5))]
     for part in parts:

@@ -124,9 +124,8 @@ def calibrate(
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
     if chosen.undisturbed and more.gaps:
         shown = laid.replayed(found.values, judged := more.of(judged))
-    warnings += doubtful_units((*training, *judged), shown)
-    several, left = changes(problem, found), known.and_also(more).sentences(bool(chosen.undisturbed))
-    told = (*warnings, *left, *several)
+    left = known.and_also(more).sentences(bool(chosen.undisturbed))
+    told = (*warnings, *doubtful_units((*training, *judged), shown), *left, *(several := changes(problem, found)))
     findings = _findings(problem, found, chooser.choices, laid.cut, earlier, chosen, watch, several)
     crossed = _cross_validation(problem, found, shown, chosen)
     return Calibration(replays=shown, cross_validation=crossed, trace=tuple(watch.trace), warnings=told, **findings,

@@ -162,9 +162,8 @@ class MujocoSimulator:
         space, more = declare(self.model, lines)
         if not more or len(self.parameters) > len(self.quantities):
             return None
-        further = [
-            p.replace(identifiable=led.isdisjoint(a.targets)) for p, a in zip(space.parameters, more, strict=True)
-        ]
+        told = [led.isdisjoint(quantity.targets) for quantity in more]
+        further = [p.replace(identifiable=t) for p, t in zip(space.parameters, told, strict=True)]
         whole = concatenate([self.parameters, ParameterSpace(tuple(further))])
         other = MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
                                 controller=self.controller, gains=self.gains)  # fmt: skip
