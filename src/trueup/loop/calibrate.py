@@ -20,7 +20,6 @@ from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.inspection.outstanding import NAME
 from trueup.inspection.released import LONG
-from trueup.loop.anew import ANEW
 from trueup.loop.changed import changes, of_several
 from trueup.loop.checks import check, doubtful_units
 from trueup.loop.chooser import Chooser
@@ -93,8 +92,7 @@ def calibrate(
 
     `space` may freeze more of them, `start` (n,) are values to search from (None: the nominal ones);
     `earlier` knew some of the recordings, and what its model lacks is not asked as if it had not. Where something acted on
-    the robot that no model has, it begins anew without that (`Options.undisturbed`), as without what is `left_out` already;
-    where replays part for good although nothing acted, in windows that do not.
+    the robot that no model has, it begins anew without that (`Options.undisturbed`), as without what is `left_out` already.
 
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
@@ -103,18 +101,18 @@ def calibrate(
     less = replace(known, gaps=()) if options is not None and options.undisturbed is False else known
     training, judged = less.of(recordings), less.of(hold_out)
     space = simulator.parameters if space is None else space
-    chosen = _with_entering(_in_windows(options or Options(), less, whole=bool(discrepancy or controllers)), space)
+    chosen = _with_entering(_whole(options or Options()) if discrepancy or controllers else options or Options(), space)
     left, chosen_before = _searched(space, chosen.later, resume)
-    laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers, less.why)
+    laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers)
     problem, watch, chooser = laid.problem, _watching(laid.problem, progress, less.kept_by(checkpoint)), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, left, laid.begin, watch, resume=resume, select=select, **_how(chosen))
-    if chosen.select and not found.disturbed.any:
+    if chosen.select and not found.disturbed.gaps:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
-    shown = () if found.disturbed.any else laid.replayed(found.values, judged)
+    shown = () if found.disturbed.gaps else laid.replayed(found.values, judged)
     asked = bool(shown) and chosen.undisturbed is not None
     more = laid.disturbed(shown, found.values, judged) if asked else found.disturbed
-    if np.isfinite(more.lasting) or (chosen.undisturbed and more.touches(training)):
+    if chosen.undisturbed and more.touches(training):
         again = calibrate(
             simulator, recordings, hold_out, options=options, discrepancy=discrepancy, controllers=controllers,
             progress=progress, checkpoint=checkpoint, space=space, start=found.values, earlier=earlier,
@@ -158,16 +156,16 @@ class _Replayed:
     @classmethod
     def laid_out(
         cls, simulator: Simulator, recordings: Sequence[Recording], chosen: Options, space: ParameterSpace,
-        start: Array | None, discrepancy: Discrepancy | None, controllers: ControllerFactory | None, why: str,
+        start: Array | None, discrepancy: Discrepancy | None, controllers: ControllerFactory | None,
     ) -> _Replayed:  # fmt: skip
-        """Whole, in windows in which slopes lead (see `cut_for_search`), or in such as are asked for, and `why`."""
+        """Whole, in windows in which slopes lead (see `cut_for_search`), or in such as are asked for."""
         channels = sorted({c for r in recordings for c in simulator.observable(r)})
         measure, fitted = discrepancy or Weighted.estimated(recordings, channels), chosen.channels or usual(channels)
         problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
         waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
         begin = space.without(waiting).nominal if start is None else start
         smooth = space.without(waiting) if chosen.windows is None else None
-        problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed, why)
+        problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
         return cls(problem, measure, fitted, led if start is None else start, lasting, cut, controllers)
 
     def replayed(self, values: Array, hold_out: Sequence[Recording], longest: float = np.inf) -> tuple[Replay, ...]:
@@ -185,11 +183,9 @@ class _Replayed:
         )
 
 
-def _in_windows(options: Options, known: LeftOut, *, whole: bool) -> Options:
-    """In windows of what is `known` to be how long replays last, or `whole`, unless options ask for others."""
-    if options.windows is not None or not (whole or np.isfinite(known.lasting)):
-        return options
-    return replace(options, windows=np.inf if whole else known.lasting)
+def _whole(options: Options) -> Options:
+    """Not in windows, unless options ask for some."""
+    return options if options.windows is not None else replace(options, windows=np.inf)
 
 
 def _with_entering(options: Options, space: ParameterSpace) -> Options:
@@ -215,7 +211,6 @@ def _searched(
 
 def _how(options: Options) -> dict[str, Any]:
     without = {NAME} if not options.undisturbed else set()
-    without |= {ANEW} if options.windows is not None else set()
     stages = tuple(s for s in options.stages or searched_by(options.search) if s.name not in without)
     return {"stages": stages, "robust": options.robust, "seed": options.seed, "solver": options.solver,
             "later": options.later}  # fmt: skip

@@ -115,24 +115,11 @@ class _Stretch:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Stretches that a calibration goes on without, one finding after the other, and how long its replays may be."""
+    """Stretches that a calibration goes on without, one finding after the other."""
 
     gaps: tuple[Mapping[str, Sequence[tuple[float, float]]], ...] = ()
     """Of each finding: (start, duration) in s of the stretches of recordings, by name."""
     notes: tuple[str, ...] = ()
-    lasting: float = np.inf
-    """s after which replays begin anew, as longer ones part for good although nothing acted."""
-
-    @property
-    def any(self) -> bool:
-        """Whether a search is to begin anew for this."""
-        return bool(self.gaps) or bool(np.isfinite(self.lasting))
-
-    @property
-    def why(self) -> str:
-        """Why replays are no longer, to be read behind how long they are."""
-        parts = ": longer replays part for good from what was measured, although nothing acted on the robot"
-        return parts if np.isfinite(self.lasting) else ""
 
     def of(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings in parts between these stretches, each from where the robot was; the others are the same objects."""
@@ -155,20 +142,19 @@ class LeftOut:
 
     def and_also(self, found: LeftOut) -> LeftOut:
         """With what was found in the parts."""
-        lasting = min(self.lasting, found.lasting)
-        return LeftOut((*self.gaps, *found.gaps), (*self.notes, *found.notes), lasting)
+        return LeftOut((*self.gaps, *found.gaps), (*self.notes, *found.notes))
 
     def kept_by(self, checkpoint: Callable[[dict[str, Any]], None] | None) -> Callable[[dict[str, Any]], None] | None:
         """A checkpoint that keeps this with the state of a search."""
         gaps = [{k: list(v) for k, v in g.items()} for g in self.gaps]
-        state = {"gaps": gaps, "notes": list(self.notes), "lasting": self.lasting}
-        return checkpoint if checkpoint is None or not self.any else lambda saved: checkpoint({**saved, NAME: state})
+        state = {"gaps": gaps, "notes": list(self.notes)}
+        return checkpoint if checkpoint is None or not self.gaps else lambda saved: checkpoint({**saved, NAME: state})
 
     @classmethod
     def kept_in(cls, state: Mapping[str, Any] | None) -> LeftOut:
         """What a checkpoint kept."""
         kept = (state or {}).get(NAME)
-        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]), kept.get("lasting") or np.inf)
+        return cls() if kept is None else cls(tuple(kept["gaps"]), tuple(kept["notes"]))
 
 
 def deviations_of(problem: Problem, values: Array) -> list[Deviation]:

@@ -14,7 +14,6 @@ from trueup.errors import CalibrationError
 from trueup.evidence import EXCERPT
 from trueup.inspection.outstanding import NAME
 from trueup.loop.alike import all_alike
-from trueup.loop.anew import ANEW, begun_anew, undisturbed
 from trueup.loop.apart import GLANCE
 from trueup.loop.delayed import delays
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
@@ -43,6 +42,7 @@ from trueup.loop.stages import (
     refinement,
     selection,
 )
+from trueup.loop.undisturbed import undisturbed
 from trueup.loop.untold import asked_again
 from trueup.loop.weighing import weighing
 from trueup.parameters import ParameterSpace
@@ -75,7 +75,6 @@ _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _LONGER = Stage("longer parts", longer_parts)
 _ALONE = Stage(NAME, undisturbed)
-_ANEW = Stage(ANEW, begun_anew)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
@@ -86,7 +85,7 @@ _AROUND = (_SHOOTING, _WEIGHING, Stage("implicit filtering", implicit_filtering)
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _DELAYS, _FIRST, *_ELSEWHERE, _COARSE_STEP, _LONGER, _ANEW, _ALONE, *_ELSEWHERE,
+    _APART, _GLANCE, _GROWTH_APART, _ALIKE, _DELAYS, _FIRST, *_ELSEWHERE, _COARSE_STEP, _LONGER, _ALONE, *_ELSEWHERE,
     _PROFILES, _SELECTION, _GROWTH, _FULL, _LONGER, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN,
     Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
@@ -99,7 +98,7 @@ REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _WEIGHING, _PROBING)
 """From an earlier fit of most of the recordings."""
 SHIPPED = (Stage("as it came", as_it_came),)
 """Nothing is searched."""
-_SLOPES = (*_FIRST_LOOKS, _ANEW, _ALONE, *_LAST_LOOKS, *_AROUND)
+_SLOPES = (*_FIRST_LOOKS, _ALONE, *_LAST_LOOKS, *_AROUND)
 
 SEARCHES = {
     "auto": STAGES,
@@ -151,7 +150,7 @@ def fit(
         run.weighed = _going_on(begun, kept, descent)
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
-        if run.disturbed.any:
+        if run.disturbed.gaps:
             break
     step = None if run.coarse is run.problem else run.coarse.simulator.step
     notes = (*run.notes, *_approximated(run.fit.near or run.coarse))

@@ -33,9 +33,9 @@ _PARTS = 4  # of each window, for the next shorter ones: half as long they lead 
 
 
 def cut_for_search(
-    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int, why: str = ""
+    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int
 ) -> tuple[Problem, Array, float, list[str]]:
-    """The problem in windows of `wanted` s, which is said with `why`, or with a `space` in such as a search along its free
+    """The problem in windows of `wanted` s, or with a `space` in such as a search along its free
     parameters takes at values (n,); from which values (n,) to search it; how long windows may be for replays from measured
     starts to last, which is how they are shown; and both in words. Trials of it know how far off starts are that were
     reckoned.
@@ -43,7 +43,7 @@ def cut_for_search(
     problem = with_start_errors(problem, values)
     if space is None:
         begun = _freed(in_windows(problem, wanted), values)
-        return begun, values, wanted, _words(begun, why, "")
+        return begun, values, wanted, _words(begun, "", "")
     legs = by_torque(problem) and carried(problem)  # which soon lie on the floor
     looked = in_windows(problem, GLANCE) if legs else problem
     smooth = smooth_length(looked, values, space, seed)
