@@ -236,8 +236,10 @@ def _line(channel: ChannelInspection, shares: Collection[str]) -> str:
     if channel.name in SETTINGS:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
-    unsaid = "of a quaternion" if is_quaternion(channel.labels) else "unit unknown: say it in the mapping"
-    if np.array_equal(channel.lowest, channel.highest):  # no unit tells anything of what never changes
+    unsaid = "unit unknown: say it in the mapping"
+    if is_quaternion(channel.labels):
+        unsaid = "of a quaternion"
+    elif np.array_equal(channel.lowest, channel.highest):  # no unit tells anything of what never changes
         unsaid = f"{_span(channel)} all along"
     none = _UNITLESS.get(channel.name, unsaid)
     if channel.name.startswith("command") and all(
