@@ -85,14 +85,8 @@ def of_several(estimates: Sequence[Estimate], said: Sequence[str]) -> tuple[Esti
 
 
 def _change(problem: Problem, found: Fit, recording: int) -> str:
-    own = [s for s in problem.segments if s.recording == recording]
-    if not own:
-        return ""
-    rows = np.concatenate([np.arange(s.columns.start, s.columns.stop) for s in own])
-    times = np.concatenate([_times(problem, s) for s in own])
-    edges = np.linspace(times.min(), times.max(), _STRETCHES + 1)
-    which = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, _STRETCHES - 1)
-    if len(np.unique(which)) < _STRETCHES:
+    rows, which, edges = _in_stretches(problem, recording, _STRETCHES)
+    if not len(rows):
         return ""
     root = np.sqrt(found.weights[rows])
     slopes, errors = found.jacobian[rows] * root[:, None], found.residual[rows] * root
@@ -115,7 +109,8 @@ def _change(problem: Problem, found: Fit, recording: int) -> str:
 
 def _apart(problem: Problem, found: Fit) -> str:
     """A sentence on recordings that are as of another robot than the others; '' where values of their own gain little."""
-    laid = _by_recording(problem)
+    parts = {k: _in_stretches(problem, k, FEWEST_PARTS) for k in range(len(problem.recordings))}
+    laid = {k: (rows, which) for k, (rows, which, _) in parts.items() if len(rows)}
     if len(laid) < 2:
         return ""
     rows = np.concatenate([own for own, _ in laid.values()])
@@ -145,19 +140,20 @@ def _apart(problem: Problem, found: Fit) -> str:
     )
 
 
-def _by_recording(problem: Problem) -> dict[int, tuple[Integers, Integers]]:
-    """The rows (m,) of each recording, and in which of FEWEST_PARTS stretches of its time each is; of those that have all."""
-    found = {}
-    for recording in range(len(problem.recordings)):
-        own = [s for s in problem.segments if s.recording == recording]
-        times = np.concatenate([_times(problem, s) for s in own]) if own else np.zeros(0)
-        if not times.size:
-            continue
-        edges = np.linspace(times.min(), times.max(), FEWEST_PARTS + 1)
-        part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, FEWEST_PARTS - 1)
-        if len(np.unique(part)) == FEWEST_PARTS:
-            found[recording] = np.concatenate([np.arange(s.columns.start, s.columns.stop) for s in own]), part
-    return found
+def _in_stretches(problem: Problem, recording: int, count: int) -> tuple[Integers, Integers, Array]:
+    """The rows (m,) of a recording, in which of so many stretches of its time each is, and where these begin and end in s
+    (count + 1,); no rows where a stretch has none.
+    """
+    own = [s for s in problem.segments if s.recording == recording]
+    nothing = np.zeros(0, dtype=np.intp)
+    if not own:
+        return nothing, nothing, np.zeros(0)
+    times = np.concatenate([_times(problem, s) for s in own])
+    edges = np.linspace(times.min(), times.max(), count + 1)
+    which = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, count - 1)
+    if len(np.unique(which)) < count:
+        return nothing, nothing, edges
+    return np.concatenate([np.arange(s.columns.start, s.columns.stop) for s in own]), which, edges
 
 
 def _grown(squares: _Squares, count: int) -> list[int]:
@@ -205,10 +201,9 @@ def replayed_too(problem: Problem, found: Fit, steps: tuple[Array, Array], secon
         float(np.linalg.norm(each * np.sqrt(found.weights[rows])))
         for each in (old, np.where(second, last, first), foretold)
     )
-    differ = (
-        np.abs(np.subtract(*steps)).max() > ROUNDED
-    )  # of a log without noise any values are far off, and these the same
-    return bool(differ) and here - there > HALVED * (here - promised)
+    # Of a log without noise any values are far off, and values of their own are the same.
+    differ = bool(np.abs(np.subtract(*steps)).max() > ROUNDED)
+    return differ and here - there > HALVED * (here - promised)
 
 
 def _named(
