@@ -3,9 +3,9 @@
 
 Eight drives (or twelve: `--twelve`, whose hips roll, too), a free base, feet that touch, slide and let go. The simulator is
 told of none of what differs: gains, friction, damping, inertia of drives, mass and centre of the trunk, floor, a command that
-is one sample late. Only what force scales alike (gains, masses, friction, inertia) is seen but for the masses of the legs,
-which are right: errors are of ratios to the stiffness. Beside the calibration stand the same without slopes that are weighed
-together, and the same by slopes on whole walks, without windows.
+is one sample late (`--late 3`: three). Only what force scales alike (gains, masses, friction, inertia) is seen but for the
+masses of the legs, which are right: errors are of ratios to the stiffness. Beside the calibration stand the same without
+slopes that are weighed together, and the same by slopes on whole walks, without windows.
 """
 
 from __future__ import annotations
@@ -65,14 +65,18 @@ class Walker:
     floor: float = 0.8
     rolls: bool = False
     """Whether its hips have a drive to roll with."""
+    late: int = 1
+    """By how many samples its commands are late."""
 
     @classmethod
-    def drawn(cls, number: int, *, rolls: bool = False) -> Walker:
+    def drawn(cls, number: int, *, rolls: bool = False, late: int = 1) -> Walker:
         """Robot `number`: each of these by up to two fifths off, friction and inertia of drives by up to the double."""
         rng = np.random.default_rng(number)
-        off = {f.name: f.default * np.exp(rng.uniform(-0.35, 0.35)) for f in fields(cls) if f.name != "rolls"}
+        off = {
+            f.name: f.default * np.exp(rng.uniform(-0.35, 0.35)) for f in fields(cls) if f.name not in ("rolls", "late")
+        }
         off["friction"], off["armature"] = (off[n] * np.exp(rng.uniform(0.0, 0.35)) for n in ("friction", "armature"))
-        return cls(**{**off, "forward": rng.uniform(-0.03, 0.03)}, rolls=rolls)
+        return cls(**{**off, "forward": rng.uniform(-0.03, 0.03)}, rolls=rolls, late=late)
 
     @property
     def parts(self) -> dict[str, float]:
@@ -107,16 +111,16 @@ class Walker:
         <actuator>{servos}</actuator></mujoco>"""
 
     def walk(self, name: str, pace: float, height: float, seed: int) -> Recording:
-        """A trot at `pace` (Hz) with steps of `height` (rad) as it was measured, commands a sample late."""
+        """A trot at `pace` (Hz) with steps of `height` (rad) as it was measured."""
         rng, model = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(self.mjcf)
         data, stand = mujoco.MjData(model), np.tile([*self.parts.values()], len(_LEGS))
         data.qpos[7:], data.ctrl[:] = stand, stand
         mujoco.mj_step(model, data, 1000)
         instants = np.arange(0.0, _SECONDS, 1.0 / _RATE)
-        commands, rows, late = np.array([self.trot(t, pace, height) for t in instants]), [], stand
-        for command in commands:
+        commands, rows = np.array([self.trot(t, pace, height) for t in instants]), []
+        for arriving in np.concatenate([np.tile(stand, (self.late, 1)), commands])[: len(commands)]:
             rows.append(np.concatenate([data.qpos[7:], data.qpos[:7]]))
-            data.ctrl[:], late = late, command
+            data.ctrl[:] = arriving
             mujoco.mj_step(model, data, round(1.0 / _RATE / _STEP))
         seen = np.array(rows) + rng.normal(
             0.0, np.repeat([1e-3, 5e-4], [len(self.joints), 7]), (len(rows), len(self.joints) + 7)
@@ -159,7 +163,7 @@ def off(found: Calibration, truth: Walker) -> dict[str, float]:
 
 def true_values(ready: Preparation, robot: Walker) -> Array:
     """(n,) what the robot is made of, as values of what is calibrated; the rest as it is without."""
-    truth = {**{f.name: getattr(robot, f.name) for f in fields(Walker)}, "delay": 1.0 / _RATE, "mass": robot.trunk,
+    truth = {**{f.name: getattr(robot, f.name) for f in fields(Walker)}, "delay": robot.late / _RATE, "mass": robot.trunk,
              "com_x": robot.forward, "floor_friction": robot.floor}  # fmt: skip
     space = ready.simulator.parameters
     if not any(n.endswith(".damping") for n in space.names):  # of servo and joint one is searched, and stands for both
@@ -191,6 +195,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one robot in place of three")
     parser.add_argument("--twelve", action="store_true", help="robots whose hips roll, not on whole walks")
+    parser.add_argument("--late", type=int, default=1, help="samples of 10 ms by which commands are late")
     asked = parser.parse_args()
     methods = {n: how for n, how in _METHODS.items() if not asked.twelve or n != _PEER}
     rows: dict[str, list[tuple[float, float, float]]] = {method: [] for method in methods}
@@ -199,7 +204,7 @@ def main() -> None:
         "robot  method                   held out, of the truth's   off, %: damping friction armature mass   CPU s  held"
     )
     for number in range(1 if asked.quick else 3):
-        robot = Walker.drawn(number, rolls=asked.twelve)
+        robot = Walker.drawn(number, rolls=asked.twelve, late=asked.late)
         walks = [robot.walk(f"walk{k}", *how, 10 * number + k) for k, how in enumerate(((2.0, 0.8), (1.5, 0.9)))]
         judged = [robot.walk(f"judged{k}", *how, 1000 + 10 * number + k) for k, how in enumerate(_JUDGED)]
         with tempfile.TemporaryDirectory() as folder:
@@ -214,7 +219,12 @@ def main() -> None:
                 told = " ".join(f"{apart[n]:8.1f}" for n in ("damping", "friction", "armature", "mass"))
                 claims = held(ready, found, robot)
                 row = f"{number:5d}  {method:24s} {error:8.2f}                    {told}   {spent:7.0f}"
-                print(f"{row}  {sum(claims)} of {len(claims)}", flush=True)
+                delay = " ".join(
+                    f"delay {1e3 * e.value:.1f} [{1e3 * e.low:.1f}, {1e3 * e.high:.1f}] ms"
+                    for e in found.estimates
+                    if e.name.split(".")[-1] == "delay"
+                )
+                print(f"{row}  {sum(claims)} of {len(claims)}  {delay}", flush=True)
                 rows[method].append((error, float(np.mean(list(apart.values()))), spent))
                 kept[method] += claims
     ours, hairs = (float(np.mean(kept[method])) for method in ("as it comes", _HAIRS))
