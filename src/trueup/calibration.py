@@ -54,6 +54,8 @@ class Replay:
     """(T, k) commanded values in the same unit, or None where the command is of another kind."""
     noise: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) estimated measurement noise, standard deviation in `unit`."""
+    window: float = np.inf
+    """s after which it began anew from where the robot was measured to be."""
 
     def columns(self, which: Sequence[int]) -> Replay:
         """The same of some of its labels."""

@@ -109,6 +109,17 @@ def test_the_headline_is_the_pooled_held_out_error(
     assert "0.90 mrad" in text, "the noise floor is said"
 
 
+@pytest.mark.parametrize("held_out", [True, False])
+def test_the_headline_says_where_replays_begin_anew(
+    small: Callable[..., Calibration], replay: Callable[..., Replay], *, held_out: bool
+) -> None:
+    """A replay of a quarter of a second at a time is no replay of the recording."""
+    whole = with_error(replay("a", labels=("elbow",)), before=0.04, after=0.010, held_out=held_out)
+    text = page_of(small(replays=(replace(whole, window=0.256),))).text
+    assert "replayed 0.26 s at a time from where the robot was, the replay error fell" in text
+    assert "at a time" not in page_of(small(replays=(whole,))).text
+
+
 def test_a_missing_hold_out_is_loud(small: Callable[..., Calibration]) -> None:
     page = page_of(small())
     assert "Nothing was held out." in page.text

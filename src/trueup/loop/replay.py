@@ -81,6 +81,7 @@ def replays(
     noise = Weighted.estimated(training or everything, observable)
     problem = Problem(simulator, everything, measure, channels, controllers=controllers)
     problem = in_windows(problem, window_length(problem, values) if windows is None else windows)
+    window = max(t.duration for t in problem.trials) if problem.windowed else np.inf
     after = problem.rollouts(values[None])
     before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
     if failed := broken(after, problem.simulator):
@@ -99,7 +100,7 @@ def replays(
             parts.setdefault((owner, name, observed.labels), []).append(Replay(
                 recording=recording.name, held_out=owner >= len(training), channel=name, labels=observed.labels,
                 unit=observed.unit, time=observed.time - first, measured=measured, before=was, after=now,
-                noise=noise.noise(name, observed.labels),
+                noise=noise.noise(name, observed.labels), window=window,
                 command=_commanded(command, observed) if name == "position" else None,
             ))  # fmt: skip
     return tuple(_joined(own) for own in parts.values())

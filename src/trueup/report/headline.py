@@ -41,9 +41,11 @@ def headline(calibration: Calibration) -> Markup:
 def verdict_sentence(group: Comparison, scale: Scale) -> str:
     """The answer in one or two sentences, plain text."""
     if not group.held_out:
-        return _fitted_sentence(pooled_score(group.training), scale)
+        return _fitted_sentence(group, scale)
     score = pooled_score(group.held_out)
-    where = f"On {counted(len(group.held_out), 'recording')} that the fit never saw, the replay error"
+    where = (
+        f"On {counted(len(group.held_out), 'recording')} that the fit never saw,{_in_windows(group)} the replay error"
+    )
     before, after = _amounts(score, scale)
     if not score.compared and math.isfinite(score.after):
         return f"{where} is {after}. The model as it was given has nothing to compare with: its drives were unknown."
@@ -61,12 +63,20 @@ def verdict_sentence(group: Comparison, scale: Scale) -> str:
     return f"{where} fell from {before} to {after}, {ratio_text(score.after, score.before)} as large.{floor}"
 
 
-def _fitted_sentence(score: Score, scale: Scale) -> str:
+def _fitted_sentence(group: Comparison, scale: Scale) -> str:
+    score = pooled_score(group.training)
     before, after = _amounts(score, scale)
+    where = f"On the recordings that were fitted,{_in_windows(group)} the replay error"
     if not score.compared:
-        return f"On the recordings that were fitted, the replay error is {after}; there is no model to compare with."
+        return f"{where} is {after}; there is no model to compare with."
     moved = "fell" if score.better else "rose" if score.worse else "went"
-    return f"On the recordings that were fitted, the replay error {moved} from {before} to {after}."
+    return f"{where} {moved} from {before} to {after}."
+
+
+def _in_windows(group: Comparison) -> str:
+    """How replays began anew, to be read within a sentence; '' where they are whole."""
+    longest = max(replay.window for replay in group.replays)
+    return f" replayed {longest:.2g} s at a time from where the robot was," if math.isfinite(longest) else ""
 
 
 def _comparison(group: Comparison, calibration: Calibration, *, first: bool) -> list[str]:
