@@ -287,6 +287,8 @@ def test_a_recording_replayed_in_windows_is_shown_whole(tmp_path: Path) -> None:
         np.testing.assert_allclose(replay.time, recording.time)
         np.testing.assert_array_equal(replay.measured, recording.channel(replay.channel).values)
     whole = replays(ready.simulator, ready.simulator.parameters.nominal, [], [recording], windows=np.inf)
+    assert {r.window for r in whole} == {np.inf}
+    assert all(0.25 < r.window < 0.75 for r in found)
     # Each window begins where the robot was then.
     cut, uncut = (sum(np.abs(r.after - r.measured)[50::50].sum() for r in rows) for rows in (found, whole))
     assert cut < 0.2 * uncut
