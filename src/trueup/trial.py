@@ -110,7 +110,9 @@ ControllerFactory = Callable[[Array], Controller]
 
 
 STEP = 0.002
-"""s: integration step of a simulation unless told otherwise, as MuJoCo's models have it."""
+"""s: integration step of a simulation unless a model or a user says otherwise, as MuJoCo's models have it."""
+LONGEST_STEP = 0.005
+"""s: the longest that is taken because a model says so; a longer one is never taken by itself."""
 SETTLE = 1.0
 """s of the first command before a trial, for servos and motors to forget where they started."""
 LOOK = 0.02

@@ -24,7 +24,7 @@ from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.search.least_squares import LeastSquares
-from trueup.trial import Observed, Trial
+from trueup.trial import STEP, Observed, Trial
 
 Array = NDArray[np.float64]
 TIME = np.linspace(0.0, 4.0, 401)
@@ -191,6 +191,16 @@ def test_a_coarser_step_is_faithful_where_the_search_begins(formula: Make) -> No
     problem = problem_of(formula(lagging, SPACE), truth)
     assert coarsest(problem, SPACE, SPACE.to_unit(np.array([4.0, 0.1]))).simulator.step > 0.01
     assert coarsest(problem, SPACE, SPACE.to_unit(truth)).simulator.step == 0.01
+
+
+def test_a_model_of_short_steps_is_searched_at_the_usual_step_at_least(formula: Make) -> None:
+    """Which is far off at the start here, and leads near enough for the model's own step to end."""
+
+    def lagging(time: Array, values: Array, step: float) -> Array:
+        return values[0] * np.sin(2.0 * (time + 200.0 * step)) + 10.0 * values[1] * np.cos(9.0 * time)
+
+    problem = problem_of(formula(lagging, SPACE), np.array([2.0, 0.1])).at_step(0.0005)
+    assert coarsest(problem, SPACE, SPACE.to_unit(np.array([4.0, 0.1]))).simulator.step == STEP
 
 
 def test_a_search_begins_off_bounds_where_that_is_not_all_that_is_wrong(formula: Make) -> None:

@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="try friction that grows with the load too, as small geared servos have it: about four times "
                              "the time; MJCF has no place for it, `trueup replay --parameters` has")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S",
-                        help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
+                        help="integration step in s that you will simulate with (default: the model's own)")  # fmt: skip
     add_engine(parser)
     add_refuse(parser)
     add_between(parser)

@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--grounding", metavar="FILE", help="pass commands through what `trueup ground` has learned")
     parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
                         "position, or whatever there is)")  # fmt: skip
-    parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
+    parser.add_argument("--step", type=step_of, metavar="S", help="integration step in s (default: the model's own)")
     add_engine(parser)
     add_refuse(parser)
     add_between(parser)

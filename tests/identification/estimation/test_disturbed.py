@@ -11,7 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import TrueupError
+from trueup.identification.estimation.disturbed import _looked
+from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.result import relative_error
 from trueup.identification.regressors import inverse_dynamics
 from trueup.recording import Channel, Recording
@@ -117,3 +120,12 @@ def test_motion_that_is_fast_once_is_no_push(arms: SimpleNamespace) -> None:
 def test_what_may_not_be_refused_is_an_error(arms: SimpleNamespace) -> None:
     with pytest.raises(TrueupError, match="disturbed"):
         identify(arms.arm(), runs(arms, 1), options=Options(refuse=("disturbd",)))
+
+
+def test_what_is_off_everywhere_stands_out_from_nothing(arms: SimpleNamespace) -> None:
+    tree = arms.arm()
+    drives = Drives.direct(tree.joints)
+    looked = _looked([log_of(r, tree, drives) for r in runs(arms, 2)], tree, drives)
+    assert looked is not None
+    off = [np.full(len(p.time), 99.0) for p in looked.parts]
+    assert looked._beyond(off, 5.0) == ([], 99.0)

@@ -72,7 +72,7 @@ from trueup.inspection.turns import without_wraps
 from trueup.inspection.unfollowed import beside_commands
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
-from trueup.trial import STEP
+from trueup.trial import LONGEST_STEP
 
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("gravity", compensated), ("overlaps", passable),
@@ -184,7 +184,8 @@ class Articulated(Family):
                  "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels))}  # fmt: skip
         known = {**model.settings(), **read_gains(request.parameters)}
         gains, named = Gains.named_by(everything, known, {} if model.guessed else _stiffness(model))
-        simulator, more = self.engine_simulator(model, lines, names, gains, request.step or STEP, declared=declared)
+        step = request.step or min(float(model.compiled.opt.timestep), LONGEST_STEP)
+        simulator, more = self.engine_simulator(model, lines, names, gains, step, declared=declared)
         return simulator, (*notes, *proposed, *named, *more)
 
     def engine_simulator(
@@ -257,13 +258,12 @@ def _servos(model: Model) -> set[tuple[int, str]]:
 
 
 def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
-    """A note where the model takes smaller steps than it is simulated at."""
+    """A note where the model steps otherwise than it is simulated."""
     own = float(simulator.model.compiled.opt.timestep)
-    if own > 0.99 * simulator.step:
+    if abs(own - simulator.step) < 0.01 * simulator.step:
         return ()
     return (
-        f"the model steps by {1e3 * own:g} ms, here it is simulated at {1e3 * simulator.step:g} ms; with --step {own:g} the "
-        f"values are those of its own step, for about {simulator.step / own:.1f} times the time",
+        f"the model steps by {1e3 * own:g} ms; here it is simulated at {1e3 * simulator.step:g} ms, which values are for",
     )
 
 

@@ -132,6 +132,8 @@ class _Looked:
         """Of the stretches in which joints are off by more than a level those that stand out, and how far the others are."""
         every = [(k, *ends) for k, own in enumerate(off) for ends in joined(own > level, self.parts[k].time)]
         free = self.outside(every)
+        if not any(f.any() for f in free):  # what is off everywhere stands out from nothing
+            return [], float(np.concatenate(off).max(initial=0.0))
         sizes = [float(off[k][a : b + 1].max()) / self._unusual((k, a, b), free) for k, a, b in every]
         which, rest = outstanding(sizes, level)
         return sorted(every[i] for i in which), rest
