@@ -356,6 +356,7 @@ def test_a_model_that_cannot_be_written_does_not_cost_the_rest(call: Call, monke
     code, said = call(*CALIBRATE, "--out", "fit")
     assert code == 0
     assert "could not be written: inertia must satisfy" in said
+    assert "to simulate it" not in said, "there is no file to do so with"
     assert {"parameters.toml", "report.html", "calibration.json"} <= {p.name for p in Path("fit").iterdir()}
 
 

@@ -39,10 +39,15 @@ def judged(p: Parameter, unit: float, spread: float, value: float, low: float, h
         if (p.optional or p.vanishes) and unit < 0.5:
             return Verdict(AT_BOUND, f"none is seen ({p.optional or p.name} at its {which} bound)")
         return Verdict(AT_BOUND, f"it wants to go beyond its {which} bound: widen it, or something else is missing")
+    return roughly_known(p, spread, value, low, high) or Verdict("identified")
+
+
+def roughly_known(p: Parameter, spread: float, value: float, low: float, high: float) -> Verdict | None:
+    """The word for a value whose interval is wide beside it, with a standard deviation of `spread` in its box; None else."""
     size = max(abs(value), 1e-2 * (p.upper - p.lower))
     if (high - low) / 2 > 0.5 * size and spread > 0.02:
         return Verdict("weak", f"known to {100 * (high - low) / 2 / size:.0f} % only{advice(p)}")
-    return Verdict("identified")
+    return None
 
 
 def advice(p: Parameter) -> str:

@@ -103,6 +103,23 @@ def test_a_thin_body_that_rounding_makes_impossible_is_written_all_the_same(tmp_
     assert sorted(written.body("plate").inertia) == pytest.approx([0.0019849, 0.00853439, 0.01051929], rel=1e-5)
 
 
+def test_a_value_that_urdf_does_not_hold_to_six_digits_is_written_as_it_is(tmp_path: Path) -> None:
+    """What stays at its start value, too: MuJoCo prints six digits, 2e-6 off here, and the file was refused for that."""
+    (tmp_path / "disc.urdf").write_text(
+        '<robot name="disc"><link name="base"/><link name="disc"><inertial><mass value="1"/><inertia ixx=".01" iyy=".01" '
+        'izz=".02" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous"><parent link="base"/>'
+        '<child link="disc"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    model = load(tmp_path / "disc.urdf")
+    spec = model.spec.copy()
+    spec.joint("j").armature = 0.0001516645158
+    model = model.changed(spec, "with a rotor", "")
+    simulator = MujocoSimulator(model, *declare(model, [Declaration("armature", frozen=True)]))
+    write_model(simulator, simulator.parameters.nominal, tmp_path / "fit.xml")
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml"))
+    assert written.dof_armature[0] == pytest.approx(0.0001516645158, rel=1e-8)
+
+
 def test_only_the_calibrated_attributes_change(arm: Path, tmp_path: Path) -> None:
     sim, values = simulator(arm, [Declaration("kp"), Declaration("friction", ("elbow",))])
     out = tmp_path / "fit" / "arm.xml"

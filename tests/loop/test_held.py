@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
+from trueup.loop.estimates import estimated, with_ties
 from trueup.loop.fit import Watch, fit
 from trueup.loop.held import _Slopes, held_open
 from trueup.loop.problem import Problem
+from trueup.loop.ties import considered
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -51,6 +53,20 @@ def test_what_makes_up_for_what_is_held_is_open_as_far_as_that_may_be(problem: P
     assert (level.name, rise.name) == ("beside level", "beside rise")
     np.testing.assert_allclose([level.down[0], level.up[0], rise.down[1], rise.up[1]], 1.0, atol=0.03)
     np.testing.assert_allclose([level.down[1], rise.up[0]], 0.0, atol=0.03)
+
+
+def test_of_what_stands_for_what_no_recording_told_only_the_sum_is_said_to_be_seen(problem: Problem) -> None:
+    left = SPACE.freeze(["beside level", "beside rise"])
+    found = fit(problem, left, left.nominal, Watch(), robust=np.inf)
+    covariance = unit_covariance(problem, found)
+    assert not [o for o in considered(problem, found, covariance) if o.parameter.name.startswith("beside")]
+    level, rise = [o for o in considered(problem, found, covariance, SPACE.names[2:]) if "beside" in o.parameter.name]
+    np.testing.assert_allclose([*level.trade, *rise.trade], [-1.0, 0.0, 0.0, -1.0], atol=0.02)
+    np.testing.assert_allclose([level.low, level.high, rise.low, rise.high], [-1.0, 1.0, -1.0, 1.0])
+    estimates = estimated(found, covariance, (), SPACE, {}, ())
+    words = {e.name: e for e in with_ties(estimates, (level, rise), {}, SPACE)}
+    assert words["level"].verdict == words["rise"].verdict == "tied"
+    assert "only level + beside level is seen: 0.9995" in words["level"].note
 
 
 def test_slopes_are_corrected_as_if_each_were_kept_by_itself(problem: Problem) -> None:

@@ -82,6 +82,15 @@ def test_damping_of_drive_and_joint_is_seen_as_a_sum_where_only_one_is_asked_for
         assert sum_ == pytest.approx(2.5, rel=0.05)
 
 
+def test_what_a_tie_widens_to_next_to_nothing_is_not_called_identified(tmp_path: Path) -> None:
+    """Its own interval may be more than half as wide as that: 2.49 [0.04, 2.55] was called identified."""
+    truth = {"kv": 2.0, "damping": 0.5, "armature": 0.02}
+    found = calibrated(tmp_path, ("kp", "kv", "damping", "armature"), truth, {**truth, "kv": 4.0, "damping": 0.3})
+    kv = next(e for e in found.estimates if e.name == "j.kv")
+    assert kv.low <= 2.0 <= kv.high
+    assert kv.verdict == "tied"
+
+
 def test_a_quantity_that_is_declared_and_held_is_taken_as_known(tmp_path: Path) -> None:
     truth = {"kv": 2.0, "damping": 0.5, "armature": 0.02}
     (tmp_path / "sub").mkdir()

@@ -139,7 +139,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     else:
         show_outcome(calibration, console, quiet=args.quiet)
         notes(console, (*said, *family.advice(simulator, calibration), *_afterwards(args, ready, calibration)))
-        for k, line in enumerate(ready.usage(calibration, output.model_file)):
+        for k, line in enumerate(ready.usage(calibration, output.model_file) if output.model_file in files else ()):
             tell(console, ("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}")
         tell(console, "  " + "  ".join(escape(str(f)) for f in files))
     return 0

@@ -257,8 +257,8 @@ def add_refuse(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--refuse", nargs="+", action="extend", default=[], metavar="NAME",
                         help="leave as it is what the recordings show to be wrong or missing: tendons, names, strangers "
                              "(joints), spikes, torques, sensors, turns, gains, feedforward, heights, feet (telling "
-                             "where the base was), pauses, released, lifts, base, servos, gravity, overlaps, still "
-                             "(joints), floor, stops, zero, clock, disturbed")  # fmt: skip
+                             "where the base was), pauses, released, lifts, base, servos, gravity, overlaps, "
+                             "ranges, still (joints), floor, stops, zero, clock, disturbed")  # fmt: skip
 
 
 def refusable(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:

@@ -189,7 +189,8 @@ def _repaired(samples: Samples, table: Table, repair: Repair) -> Samples:
         set_back = (
             f"{table.name}: where its clock goes back ({np.count_nonzero(back)} times) it goes on by {usual:.4g} s"
         )
-        samples = Samples(time, values, (*samples.warnings, f"{set_back}, as the mapping asks"))
+        if back.any():
+            samples = Samples(time, values, (*samples.warnings, f"{set_back}, as the mapping asks"))
         if np.all(np.diff(time) > 0.0):
             return samples
     order = np.argsort(time, kind="stable") if repair == "sort" else np.arange(len(time))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -20,22 +20,17 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
     have angles in degrees unless they say otherwise, as MJCF does.
     """
     said = []
-    for joint, way in joints.items():
-        unit = "m" if way.slides else "rad"
-        parts = [r.channel("position").column(joint) for r in recordings if _measured(r, joint, unit)]
-        if way.range is None or not parts:
-            continue
-        low, high = (float(f(np.concatenate(parts))) for f in (np.nanmin, np.nanmax))
+    for joint, way, low, high in _measured_ways(joints, recordings):
         if way.slides:
-            said += _slid_beyond(joint, way.range, low, high)
+            said += _slid_beyond(joint, way.ends, low, high)
             continue
-        if low >= way.range[0] - FAR and high <= way.range[1] + FAR:
+        if not _turned_beyond(way, low, high):
             continue
         what = (
             f"joint '{joint}' is measured from {low:.3g} to {high:.3g} rad, beyond its range in the model, "
-            + " to ".join(f"{end:.3g}" for end in way.range)
+            + " to ".join(f"{end:.3g}" for end in way.ends)
         )
-        asked = [end / size_of("deg") for end in way.range]  # as the file has it, if that was in degrees
+        asked = [end / size_of("deg") for end in way.ends]  # as the file has it, if that was in degrees
         meant = max(abs(end) for end in asked)
         if in_degrees and not hardly_radians(meant) and low >= asked[0] - FAR and high <= asked[1] + FAR:
             why = (
@@ -46,6 +41,30 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
             why = "is it the same joint, with the same zero, sense and unit, or is the range too narrow?"
         said.append(f"{what} rad, where a simulator stops it: {why}")
     return tuple(said)
+
+
+def turned_beyond(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> list[str]:
+    """Those of the `joints` that turn, and were measured beyond their range."""
+    return [
+        joint for joint, way, low, high in _measured_ways(joints, recordings)
+        if not way.slides and _turned_beyond(way, low, high)
+    ]  # fmt: skip
+
+
+def _turned_beyond(way: Way, low: float, high: float) -> bool:
+    return low < way.ends[0] - FAR or high > way.ends[1] + FAR
+
+
+def _measured_ways(
+    joints: Mapping[str, Way], recordings: Sequence[Recording]
+) -> Iterator[tuple[str, Way, float, float]]:
+    """Joints that have a range and were measured, with the ends of what was measured, in rad or m."""
+    for joint, way in joints.items():
+        unit = "m" if way.slides else "rad"
+        parts = [r.channel("position").column(joint) for r in recordings if _measured(r, joint, unit)]
+        if way.range is not None and parts:
+            measured = np.concatenate(parts)
+            yield joint, way, float(np.nanmin(measured)), float(np.nanmax(measured))
 
 
 def shorter(ends: tuple[float, float], low: float, high: float) -> list[str]:

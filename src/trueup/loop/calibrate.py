@@ -25,7 +25,7 @@ from trueup.loop.checks import check, doubtful_units
 from trueup.loop.chooser import Chooser
 from trueup.loop.disturbed import LeftOut, deviations_in, disturbed
 from trueup.loop.earlier import Earlier
-from trueup.loop.estimates import estimated, with_structure, with_ties
+from trueup.loop.estimates import estimated, judged_at_last, with_structure, with_ties
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.held import held_open
 from trueup.loop.horizon import cut_for_search
@@ -241,8 +241,8 @@ def _findings(
     others = (*rivals(problem, found), *held_open(problem, found, untold, open_))
     wide = widened(with_structure(estimates, lacking), others)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
-    owed = considered(problem, found, covariance)
-    told = doubted(with_ties(wide, owed, limits), others)
+    owed = considered(problem, found, covariance, {p.name for p in untold} - limits.keys())
+    told = judged_at_last(doubted(with_ties(wide, owed, limits, declared), others), declared)
     measured = any("torque" in t.observed for t in problem.trials)
     grown = None if measured else proportion_of(problem.simulator, found.space)
     told, masses = (told, ()) if grown is None else grown.applied(told)

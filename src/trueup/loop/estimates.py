@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Estimate
-from trueup.evidence import HALVED
+from trueup.evidence import HALVED, half_interval
 from trueup.loop.fit import Fit
 from trueup.loop.identifiability import verdicts
 from trueup.loop.limits import Seen, is_limit
@@ -22,7 +22,7 @@ from trueup.loop.ties import STEP, Considered
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.samples import MOST
-from trueup.verdicts import AT_BOUND
+from trueup.verdicts import AT_BOUND, Verdict, roughly_known
 
 
 def estimated(
@@ -87,7 +87,7 @@ def with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> tu
 
 
 def with_ties(
-    estimates: Sequence[Estimate], others: Sequence[Considered], limits: Mapping[str, Seen]
+    estimates: Sequence[Estimate], others: Sequence[Considered], limits: Mapping[str, Seen], declared: ParameterSpace
 ) -> tuple[Estimate, ...]:
     """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule. Limits
     are told by when they are met, and owe to the step alone.
@@ -95,11 +95,12 @@ def with_ties(
     places = {e.name: k for k, e in enumerate(e for e in estimates if e.fitted)}
     step = [o for o in others if o.parameter.name == STEP]
     return tuple(
-        _with_others(e, step if e.name in limits else others, places[e.name]) if e.fitted else e for e in estimates
+        _with_others(e, step if e.name in limits else others, places[e.name], declared[e.name]) if e.fitted else e
+        for e in estimates
     )
 
 
-def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estimate:
+def _with_others(e: Estimate, others: Sequence[Considered], place: int, p: Parameter) -> Estimate:
     reaches = np.array([o.reach(float(o.trade[place])) for o in others]).reshape(-1, 2)
     steps = np.array([o.parameter.name == STEP for o in others], dtype=bool)
     down, up = np.sqrt(np.array([e.value - e.low, e.high - e.value]) ** 2 + np.sum(reaches[~steps] ** 2, axis=0))
@@ -107,12 +108,28 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     down, up = np.array([down, up]) + np.sum(reaches[steps], axis=0)
     width = e.high - e.low
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
-    if e.verdict not in ("identified", "weak") or not width < HALVED * (wide.high - wide.low):
+    ruled = width < HALVED * (wide.high - wide.low) or (_rough(wide, p) is not None and _rough(e, p) is None)
+    if e.verdict not in ("identified", "weak") or not ruled:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
     if others[k].parameter.name == STEP and reaches[k].max() < SAME * abs(e.value):
         return wide
     return replace(wide, verdict=others[k].verdict, note=others[k].words(e, float(others[k].trade[place])))
+
+
+def judged_at_last(estimates: Sequence[Estimate], declared: ParameterSpace) -> tuple[Estimate, ...]:
+    """With the words that final intervals deserve: what ties and structures have widened may be known roughly only."""
+    rough = {e.name: _rough(e, declared[e.name]) for e in estimates if e.verdict == "identified"}
+    return tuple(
+        e if (verdict := rough.get(e.name)) is None else replace(e, verdict=verdict.word, note=verdict.note)
+        for e in estimates
+    )
+
+
+def _rough(e: Estimate, p: Parameter) -> Verdict | None:
+    """The word for an interval that is wide beside its value; None elsewhere."""
+    ends = ParameterSpace((p.replace(frozen=False),)).to_unit(np.clip([[e.low], [e.high]], p.lower, p.upper))
+    return roughly_known(p, float(np.ptp(ends)) / (2.0 * half_interval()), e.value, e.low, e.high)
 
 
 def _frozen(p: Parameter, unseen: Sequence[str], notes: Sequence[str]) -> tuple[str, str]:

@@ -11,7 +11,7 @@ quantity, too: it is what the model says, and none in the robot.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,16 +90,17 @@ class Considered:
         )
 
 
-def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considered, ...]:
+def considered(problem: Problem, fit: Fit, covariance: Array, untold: Collection[str] = ()) -> tuple[Considered, ...]:
     """What the estimates owe to the simulation's step, to each related quantity that is not calibrated, to those that nobody
-    asked for (`Parameter.requested`), and to those that are calibrated and yet stay open by their `covariance` in the unit
-    box (n_free, n_free), from slopes along a part of the motion.
+    asked for (`Parameter.requested`), to those held at their start values since no recording told them (`untold`), and to
+    those that are calibrated and yet stay open by their `covariance` in the unit box (n_free, n_free), from slopes along a
+    part of the motion.
     """
     related = related_of(problem.simulator)
     other = None if related is None else related.related()
     more = () if other is None else other.parameters.parameters[len(fit.values) :]
     free = np.flatnonzero(fit.space.free)
-    beside = [i for i, p in enumerate(fit.space.parameters) if p.frozen and not p.requested]
+    beside = [i for i, p in enumerate(fit.space.parameters) if p.frozen and (not p.requested or p.name in untold)]
     places = [*free, *beside]
     parameters = [*(fit.space.parameters[i] for i in places), *more]
     nominal = [*fit.values[places].tolist(), *(p.nominal for p in more)]

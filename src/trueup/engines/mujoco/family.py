@@ -42,6 +42,7 @@ from trueup.engines.mujoco.setup.gravity import compensated
 from trueup.engines.mujoco.setup.mounting import mounted_otherwise
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
+from trueup.engines.mujoco.setup.reached import unstopped
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.senses import turned_otherwise
 from trueup.engines.mujoco.setup.states import with_states_parted
@@ -76,7 +77,7 @@ from trueup.trial import LONGEST_STEP
 
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("gravity", compensated), ("overlaps", passable),
-    ("still", with_still_joints),
+    ("ranges", unstopped), ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
     "tendons", "names", "strangers", "spikes", "commands", "torques", "sensors", "turns", "gains", "feedforward", "heights",
@@ -285,8 +286,7 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
     if free_joint(model.compiled) < 0 and "floor" not in found and (stops := stopped_at(training, ranges)) is not None:
         found["stops"] = stops.unless(refuse)
     stopped = {} if "stops" not in found or found["stops"].refused else found["stops"].numbers
-    clocks = {} if "clock" in refuse else request.clocks
-    lines = propose(model, training, clocks, height, request.beyond_mjcf, stopped)
+    lines = propose(model, training, {} if "clock" in refuse else request.clocks, height, request.beyond_mjcf, stopped)
     return [line for line in lines if line.quantity != "zero" or "zero" not in refuse], list(found.values())
 
 

@@ -79,8 +79,7 @@ def _edited(
     model: Model, wanted: mujoco.MjModel, bodies: Mapping[str, Body], joints: Mapping[str, JointDrive], path: Path
 ) -> bytes:
     text = XmlText(model.path.read_bytes())
-    compiler = model.spec.compiler
-    edits = Edits(text, model.compiled, wanted, degrees=bool(compiler.degree), autolimits=bool(compiler.autolimits))
+    edits = Edits(text, model, wanted, degrees=bool(model.spec.compiler.degree))
     for name in bodies:
         edits.write("body.mass", name)
     for name in joints:

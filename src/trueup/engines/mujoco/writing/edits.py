@@ -16,7 +16,7 @@ from trueup.engines.mujoco.attributes import OBJECTS
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.inertia import body_inertia
-from trueup.engines.mujoco.model import SETTING
+from trueup.engines.mujoco.model import SETTING, Model
 from trueup.errors import ModelError
 from trueup.model_files.xml_text import Element, XmlText, tag
 from trueup.rounding import NEGLIGIBLE, ROUNDED
@@ -26,13 +26,14 @@ _TAGS = {"joint": ("joint", "hinge"), "actuator": (), "body": ("body",), "geom":
 
 
 class Edits:
-    """Writes what `wanted` (the model as simulated) says into a text that compiles to `shipped`."""
+    """Writes what `wanted` (the model as simulated) says into a text of `shipped`, `printed` by MuJoCo if to six digits."""
 
     def __init__(
-        self, text: XmlText, shipped: mujoco.MjModel, wanted: mujoco.MjModel, *, degrees: bool, autolimits: bool
+        self, text: XmlText, shipped: Model, wanted: mujoco.MjModel, *, degrees: bool, printed: bool = False
     ) -> None:
-        self._text, self._shipped, self._wanted = text, shipped, wanted
-        self._degrees, self._autolimits = degrees, autolimits
+        self._text, self._shipped, self._wanted = text, shipped.compiled, wanted
+        self._degrees, self._autolimits = degrees, bool(shipped.spec.compiler.autolimits)
+        self._digits = ".6g" if printed else ".17g"
         self._done: set[tuple[object, str]] = set()
 
     def write(self, attribute: str, target: str) -> None:
@@ -235,12 +236,11 @@ class Edits:
         return found
 
     def _same(self, family: str, name: str, *fields: str) -> bool:
-        return all(
-            np.allclose(
-                read(self._wanted, family, name, f), read(self._shipped, family, name, f), rtol=ROUNDED, atol=1e-15
-            )
-            for f in fields
-        )
+        pairs = ((read(self._wanted, family, name, f), self._there(family, name, f)) for f in fields)
+        return all(np.allclose(*pair, rtol=ROUNDED, atol=1e-15) for pair in pairs)
+
+    def _there(self, family: str, name: str, field: str) -> Array:
+        return np.array([float(f"{x:{self._digits}}") for x in read(self._shipped, family, name, field)])
 
     def _turns(self, joint: int) -> bool:
         return int(self._wanted.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE)

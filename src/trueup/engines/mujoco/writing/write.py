@@ -115,7 +115,7 @@ def _written_of(simulator: MujocoSimulator, values: Array, base: Model, path: Pa
             else:
                 return ()
     content = _possible(base.spec.to_xml().encode())
-    _write(simulator, values, wanted, base, content, path, degrees=_in_degrees(content))
+    _write(simulator, values, wanted, base, content, path, degrees=_in_degrees(content), printed=True)
     return (f"comments and layout of the model file could not be kept: {reason}",)
 
 
@@ -129,12 +129,12 @@ def simulated_model(simulator: MujocoSimulator, values: ArrayLike) -> mujoco.MjM
 
 def _write(
     simulator: MujocoSimulator, values: Array, wanted: mujoco.MjModel, model: Model, content: bytes, path: Path, *,
-    degrees: bool,
+    degrees: bool, printed: bool = False,
 ) -> None:  # fmt: skip
     """One attempt: edit the text, write it aside, load it, compare, rename."""
     text = XmlText(content)
     name_in_text(text, model.spec)
-    edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
+    edits = Edits(text, model, wanted, degrees=degrees, printed=printed)
     delays, punches = (_of(model, simulator, values, what) for what in (delays_of, punches_of))
     _relieve(wanted, punches)
     attributes = [*_written(simulator, model), *(("actuator.force_limit", a) for a in punches)]
