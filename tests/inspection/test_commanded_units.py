@@ -12,7 +12,9 @@ import pytest
 
 import trueup
 from trueup.arrays import Array
+from trueup.engines.family import family_of
 from trueup.errors import RecordingError
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
 JOINTS = ("pan", "lift", "elbow")
@@ -142,3 +144,24 @@ def test_a_real_arm_is_known_by_any_of_its_motions(real_data: Path) -> None:
             continue
         known += float(np.abs(found.values - command.values).max()) < 0.25
     assert known >= 10
+
+
+def test_steps_of_a_slide_are_asked_about_and_are_no_metres(tmp_path: Path) -> None:
+    """200000 steps of a stepper were taken for 200 km, without a word."""
+    (tmp_path / "axis.xml").write_text(
+        '<mujoco><worldbody><body><joint name="x" type="slide" range="0 0.6"/><geom size=".1"/></body></worldbody>'
+        '<actuator><position name="x" joint="x" kp="1000" kv="50"/></actuator></mujoco>'
+    )
+    time = np.arange(0.0, 4.0, 0.01)
+    way = 0.3 - 0.2 * np.cos(time)[:, None]
+    channels = Channel("position", ("x",), "m", time, way), Channel("command", ("x",), "", time, 4e5 * way)
+    steps = Recording("moves", {c.name: c for c in channels})
+    with pytest.raises(RecordingError, match=r"they are no m\. The joint follows them, 4e\+05 for each rad \(or m\)"):
+        prepare(tmp_path / "axis.xml", [steps])
+    counts = steps.with_channel(channels[0].replace(unit="", values=2e4 * way))
+    family = family_of(tmp_path / "axis.xml")
+    model = family.load(tmp_path / "axis.xml")
+    (seen,) = family.in_units(model, [counts])
+    assert (seen.channel("position").unit, seen.channel("command").unit) == ("", "")
+    (said,) = family.doubts(model, [seen])
+    assert "'x', which reaches 1e+04, is far beyond its range" in said

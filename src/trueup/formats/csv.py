@@ -237,7 +237,10 @@ def _from_words(
         try:
             values[i] = np.nan if is_empty(cell) else float(cell.replace(",", ".") if dialect.decimal == "," else cell)
         except ValueError:
-            raise FormatError(f"{place(i)}: {shown(cell)} is not a number") from None
+            again = (
+                "; the header stands there again: was it begun anew? Make a file of each part" if cell == name else ""
+            )
+            raise FormatError(f"{place(i)}: {shown(cell)} is not a number{again}") from None
     return values
 
 

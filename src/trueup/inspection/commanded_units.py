@@ -14,7 +14,7 @@ from trueup.errors import RecordingError
 from trueup.evidence import FEWEST_PARTS, STANDARD_ERRORS, jackknife
 from trueup.inspection.number_scales import APART, NumberScale, Seen, groups, known_scales, spread, sure_to
 from trueup.inspection.relations import CORRELATED, rate
-from trueup.inspection.scales import Way
+from trueup.inspection.scales import Way, beyond
 from trueup.inspection.zeros import FAR, SETTLES
 from trueup.recording import Channel, Recording
 from trueup.samples import correlation
@@ -75,22 +75,22 @@ def in_units_of_positions(
 def check_commanded(
     joints: Mapping[str, Way], drives: Mapping[str, str], recordings: Sequence[Recording], loads: Loads
 ) -> None:
-    """Raises RecordingError for hinges whose commands have no unit and cannot be rad."""
-    for recording in recordings:
-        command = _without_unit(recording)
-        for label in command.labels if command is not None else ():
-            joint = drives.get(label, "")
-            if command is None or command.unit_of(label) or joint not in joints or joints[joint].slides:
+    """Raises RecordingError for joints whose commands have no unit and cannot be rad, or m of a slide with a range."""
+    for recording, command in ((r, c) for r in recordings if (c := _without_unit(r)) is not None):
+        for label in command.labels:
+            way = joints.get(joint := drives.get(label, ""))
+            if command.unit_of(label) or way is None or (way.slides and way.range is None):
                 continue
             values = command.column(label)[np.isfinite(command.column(label))]
-            if values.size and hardly_radians(float(np.abs(values).max())):
+            if values.size and (beyond(way, values) if way.slides else hardly_radians(float(np.abs(values).max()))):
+                unit, others = ("m", '"mm"') if way.slides else ("rad", '"deg", "rev"')
                 raise RecordingError(
                     f"'{recording.name}': the commands of '{label}' have no unit, and from {values.min():.5g} to "
-                    f"{values.max():.5g} they are no rad. {_followed(joint, drives, recordings, loads)}. Say what they are "
-                    f"in the mapping (trueup inspect writes one), in [channels.{command.name}]: "
-                    'unit = "deg", "rev", ...; for counts, pulses in us or percent unit = "rad" with scale (rad for each) '
-                    "and offset (-scale x the number at which the joint is at zero), one for each label. If they are no "
-                    'positions, name the channel command_torque or command_velocity. "--refuse commands" takes them as rad'
+                    f"{values.max():.5g} they are no {unit}. {_followed(joint, drives, recordings, loads)}. Say what "
+                    f"they are in the mapping (inspect writes one), in [channels.{command.name}]: unit = {others}, ...; for "
+                    f'counts, steps, pulses or percent unit = "{unit}", scale ({unit} for each) and offset (-scale x the '
+                    "number at which the joint is at zero), one for each label. If they are no positions, name the channel "
+                    f'command_torque or command_velocity. "--refuse commands" takes them as {unit}'
                 )
 
 
@@ -103,8 +103,8 @@ def _followed(joint: str, drives: Mapping[str, str], recordings: Sequence[Record
         return f"How the joint follows them does not tell what they are (correlation {alike:.2f})"
     line = lines[joint]
     return (
-        f"The joint follows them, {line.per:.4g} for each rad and {line.zero:.5g} at zero (correlation {line.likeness:.3f}), "
-        "but that is nothing known for sure, and a soft servo makes it more than it is"
+        f"The joint follows them, {line.per:.4g} for each rad (or m) and {line.zero:.5g} at zero (correlation "
+        f"{line.likeness:.3f}), but that is nothing known for sure, and a soft servo makes it more than it is"
     )
 
 

@@ -52,8 +52,14 @@ def check_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> N
 
 
 def check_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> None:
-    """Raises RecordingError for slides whose positions have no unit and are far beyond their range in m and in mm, and no
-    shares of it.
+    """Raises RecordingError for slides whose positions have no unit and are no lengths (see `no_lengths`)."""
+    if said := no_lengths(joints, recordings):
+        raise RecordingError(said)
+
+
+def no_lengths(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> str:
+    """A sentence on the first slide whose positions have no unit and are far beyond its range in m and in mm, and no shares
+    of it; '' where there is none.
     """
     slides = {j: way for j, way in joints.items() if way.slides and way.range is not None}
     without = [r for r in recordings if r.has("position") and not r.channel("position").unit]
@@ -62,10 +68,11 @@ def check_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> 
         metres = unsaid(without, slide)
         if len(metres) and beyond(slides[slide], metres) and not inside(slides[slide], metres):
             (low, high), most = slides[slide].ends, float(np.abs(metres).max())
-            raise RecordingError(
+            return (
                 f"{listed(tuple(r.name for r in without))}: positions have no unit, and '{slide}', which reaches {most:.4g}, "
                 f"is far beyond its range in the model ({low:.3g} to {high:.3g} m) in m and in mm: {_SAY_UNITS}"
             )
+    return ""
 
 
 def _times_as_far(recording: Recording, label: str) -> float:

@@ -51,7 +51,7 @@ from trueup.engines.mujoco.setup.tendons import of_several_joints, with_joints_t
 from trueup.engines.mujoco.setup.torques_given import torques_given
 from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
 from trueup.engines.mujoco.wiring import is_speed_servo
-from trueup.engines.mujoco.writing.notes import about_load, about_masses, about_sensors, usage_of
+from trueup.engines.mujoco.writing.notes import about_load, about_masses, about_sensors, about_step, usage_of
 from trueup.engines.mujoco.writing.parameter_files import write_parameter_files
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.engines.simulator import Simulator
@@ -70,6 +70,7 @@ from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import without_strangers
 from trueup.inspection.turns import without_wraps
+from trueup.inspection.unfit import no_lengths
 from trueup.inspection.unfollowed import beside_commands
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
@@ -114,7 +115,7 @@ class Articulated(Family):
         """See Family: metres where a joint slides."""
         named, _ = named_as(with_joints_told(model, recordings)[0], model.counted(), self.others(model))
         named, _ = by_the_only_joint(with_inertial_units(named)[0] if guessed else named, model.scalar_joints())
-        return of_slides(model, with_units(model, named)[0])[0]
+        return named if no_lengths(ways(model), named) else of_slides(model, with_units(model, named)[0])[0]
 
     def reads(self, recording: Recording) -> Collection[str]:
         """See Family: settings of servos."""
@@ -122,12 +123,14 @@ class Articulated(Family):
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """See Family: positions beyond what the model allows or far beside commands, what turns the other way, units."""
+        if unsaid := no_lengths(ways(model), recordings):
+            return (unsaid,)
         recordings, told = with_inertial_units(recordings)
         units = (*told, *in_other_units(model.sensors(), recordings))
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
-        turned = (*mounted_otherwise(model, recordings), *sliding(legs_of(model), recordings))
-        senses = turned_otherwise(model, recordings)
-        return (*beyond, *units, *turned, *senses, *beside_commands(recordings), *at_other_voltages(recordings))
+        turned = (*sliding(legs_of(model), recordings), *turned_otherwise(model, recordings))
+        return (*beyond, *units, *mounted_otherwise(model, recordings), *turned, *beside_commands(recordings),
+                *at_other_voltages(recordings))  # fmt: skip
 
     def suited(
         self, model: Model, training: Sequence[Recording], held_out: Sequence[Recording] = (), refuse: Collection[str] = ()
@@ -151,10 +154,9 @@ class Articulated(Family):
             ("feet", lambda rs: reckoned(model, rs)),
         )  # fmt: skip
         taken, edits = all_edited(taken, as_the_model_takes_them, refuse)
-        doubts = self.doubts(model, taken)
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
-        notes = (*renamed, *changed, *edits, *doubts, *pauses, *others_pauses)
+        notes = (*renamed, *changed, *edits, *self.doubts(model, taken), *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
     def simulator(
@@ -242,7 +244,7 @@ class Articulated(Family):
     def advice(self, simulator: MujocoSimulator, calibration: Calibration | None = None) -> tuple[str, ...]:
         """See Family: smaller steps before a calibration, friction with load after it."""
         if calibration is None:
-            return _about_step(simulator)
+            return about_step(simulator)
         return tuple(n for about in (about_sensors, about_load, about_masses) for n in about(simulator, calibration))
 
 
@@ -258,6 +260,7 @@ def _servos(model: Model) -> set[tuple[int, str]]:
     return {(i, kind) for i in range(m.nactuator) for kind, is_one in kinds.items() if is_one(m, i)}
 
 
+<<<<<<< HEAD
 def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
     """A note where the model steps otherwise than it is simulated."""
     own = float(simulator.model.compiled.opt.timestep)
@@ -268,6 +271,8 @@ def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
     )
 
 
+=======
+>>>>>>> f682f978 (Commands of slides without a unit are asked about, and positions that are no lengths; a header that stands again is named)
 def _lines(model: Model, training: Sequence[Recording], request: Request) -> tuple[list[Declaration], list[Diagnosis]]:
     """What is calibrated: as a file declares it, or as recordings propose it, with what they show for it."""
     if request.parameters is not None:

@@ -92,12 +92,12 @@ class Sizes:
             self._take(name, "rad", f"largest value {largest:.3g}")
         elif ticks or all(column.whole for column in self.groups[name]):
             self.notes.append(
-                f"{name}: unit unknown; whole numbers that reach {largest:.4g}: counts of an encoder or degrees are "
-                'suspected; for counts give unit = "rad" and scale = 6.2832 / counts of a turn'
+                f"{name}: unit unknown; whole numbers (up to {largest:.4g}): counts of an encoder or degrees are "
+                'suspected; for counts give unit = "rad" and scale = 6.2832 / counts of a turn (slides: "m", metres of one)'
             )
         else:
             self.notes.append(
-                f"{name}: unit unknown; values reach {largest:.4g}: degrees are suspected, "
+                f"{name}: unit unknown (values reach {largest:.4g}): degrees are suspected, "
                 + ("or percent of a range" if name != "position" else "or motors before their gears")
             )
 

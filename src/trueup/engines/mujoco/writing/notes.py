@@ -230,6 +230,17 @@ def about_sensors(simulator: MujocoSimulator, calibration: Calibration) -> tuple
     )
 
 
+def about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
+    """A note where the model takes smaller steps than it is simulated at."""
+    own = float(simulator.model.compiled.opt.timestep)
+    if own > 0.99 * simulator.step:
+        return ()
+    return (
+        f"the model steps by {1e3 * own:g} ms, here it is simulated at {1e3 * simulator.step:g} ms; with --step {own:g} the "
+        f"values are those of its own step, for about {simulator.step / own:.1f} times the time",
+    )
+
+
 def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
     """A note where servos stay far above the noise, and friction that grows with their load has not been tried."""
     kinds = {q.kind for q in simulator.quantities}
