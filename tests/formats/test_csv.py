@@ -130,7 +130,7 @@ def test_a_missing_cell_is_a_missing_sample(tmp_path: Path) -> None:
         ("time,q1\n", r"log.csv: no rows; its only line names columns: time, q1"),
         (bytes(range(256)) * 8, r"is not a text file"),
         (rows("time,q1", "0,1", "0.1,\x00", "0.2,1"), r"line 3: a zero byte"),
-        (rows("time,q1", "0,1", "0.1,1", "time,q1", "0,1", "0.1,2"), r"'time' is not a number; the header stands there again"),
+        (rows("time,q1", "0,1", "0.1,1", "time,q1", "0,1", "0.1,2"), r"'time' is not a number; the header stands there"),
         (rows("time,q1", "0,1", "0.1,up", "0.2,1", "0.3,2"), r"line 3, column 'q1': 'up' is not a number"),
         (rows("#", "time,q1", "#", "0,1", "", "0.1,up", "0.2,1", "0.3,2"), r"line 6, column 'q1': 'up'"),
         (rows("time,q1,q2", "0,1,2", "0.1,1", "0.2,1,2", "0.3,1,2"), r"line 3: 2 cells, but there are 3 columns"),

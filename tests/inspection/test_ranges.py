@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trueup.cli import main
+from trueup.errors import RecordingError
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
@@ -46,9 +49,12 @@ def test_a_slide_far_beyond_its_range_is_asked_for_its_unit(tmp_path: Path, size
     (tmp_path / "arm.xml").write_text(
         _ARM.format("").replace('name="j" axis', 'name="j" type="slide" axis').replace("2 2", ".2 .2")
     )
-    notes = [n for n in prepare(tmp_path / "arm.xml", [swing(size)], propose=False).notes if "beyond its range" in n]
+    ready = prepare(tmp_path / "arm.xml", [swing(size)], propose=False, refuse=["ranges"])
+    notes = [n for n in ready.notes if "beyond its range" in n]
     assert len(notes) == bool(said)
     assert all(said in note for note in notes)
+    with pytest.raises(RecordingError, match=re.escape(said)) if said else contextlib.nullcontext():
+        prepare(tmp_path / "arm.xml", [swing(size)], propose=False)  # no replay could follow
 
 
 def test_inspect_says_it_beside_a_model(

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from trueup.errors import RecordingError
 from trueup.inspection.scales import Way
 from trueup.inspection.zeros import FAR
 from trueup.recording import Recording
@@ -41,6 +42,17 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
             why = "is it the same joint, with the same zero, sense and unit, or is the range too narrow?"
         said.append(f"{what} rad, where a simulator stops it: {why}")
     return tuple(said)
+
+
+def check_slid(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError for a slide that was measured beyond its range by more than half of that: no replay could follow,
+    and what is fitted all the same would look as sure as ever.
+    """
+    for joint, way, low, high in _measured_ways(joints, recordings):
+        for said in _slid_beyond(joint, way.ends, low, high) if way.slides else ():
+            raise RecordingError(
+                f'{said}. If the range is too narrow, mend it in the model; "--refuse ranges" goes on as it is'
+            )
 
 
 def turned_beyond(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> list[str]:

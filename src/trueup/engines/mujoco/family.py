@@ -60,7 +60,7 @@ from trueup.inspection.diagnosis import Diagnosis, all_edited, edited
 from trueup.inspection.feedforward import with_feedforward
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
-from trueup.inspection.ranges import beyond_ranges
+from trueup.inspection.ranges import beyond_ranges, check_slid
 from trueup.inspection.released import without_released
 from trueup.inspection.scattered import gathered
 from trueup.inspection.sensors import in_other_units, with_sensors
@@ -154,6 +154,8 @@ class Articulated(Family):
             ("feet", lambda rs: reckoned(model, rs)),
         )  # fmt: skip
         taken, edits = all_edited(taken, as_the_model_takes_them, refuse)
+        if "ranges" not in refuse:
+            check_slid(ways(model), taken)
         fitted, pauses = _in_parts(model, taken[: len(training)], refuse)
         judged, others_pauses = _in_parts(model, taken[len(training) :], refuse)
         notes = (*renamed, *changed, *edits, *self.doubts(model, taken), *pauses, *others_pauses)
