@@ -129,7 +129,9 @@ def read(name: Name) -> Reading:
         unit, where = _unit(name, kind, share=any(commands))
     keep = _kept_words(name, kinds, commands, where)
     numbered = bool(kind) or _NUMBERED_ID.search(name.text) is not None  # id1_position is a drive's
+    finger = "index" in plain and any(keep[plain.index("index") + 1 :])  # index_mcp is a hand's, index a count
     others = _NOT_JOINT - gain - ({"id"} if numbered else set()) - (_FORCES if pushes else set())
+    others -= {"index"} if finger else set()
     return Reading(
         kind=kind,
         command=any(commands),

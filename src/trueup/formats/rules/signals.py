@@ -61,6 +61,8 @@ RULES = (
                     "command[rad] hip; position[rad] hip"),
             Example("t,Feedback_J1,Feedback_J2,Planned_J1,Planned_J2", "0 .1 .2 .1 .2|.01 .2 .1 .2 .2|.02 .3 .1 .2 .1",
                     "command[rad] J1 J2; position[rad] J1 J2"),
+            Example("t,index,index_mcp_pos,index_mcp_cmd", "0 7 .1 .1|.01 9 .2 .1|.02 8 .3 .2",
+                    "command[rad] index_mcp; position[rad] index_mcp; index[] index"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
             Example("t,current_position_1,target_position_1,motor_current_1", "0 .1 .1 1|.01 .2 .1 2|.02 .3 .2 1",
                     "command[rad] joint_1; position[rad] joint_1; current[] motor_1"),
