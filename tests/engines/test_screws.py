@@ -55,4 +55,4 @@ def test_the_stiffness_of_a_lift_is_not_called_known_where_its_screw_is_not(tmp_
     found = {e.name: e for e in _found(tmp_path).estimates}
     for name, truth in (("lift.kp", KP), ("lift.kv", KV), ("lift.friction", FRICTION)):
         assert found[name].low <= truth <= found[name].high
-        assert found[name].verdict == "weak"
+        assert found[name].verdict in ("weak", "tied")

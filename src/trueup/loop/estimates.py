@@ -112,7 +112,7 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int, p: Param
     if e.verdict not in ("identified", "weak") or not ruled:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
-    if others[k].parameter.name == STEP and reaches[k].max() < SAME * abs(e.value):
+    if reaches[k].max() < SAME * abs(e.value):
         return wide
     return replace(wide, verdict=others[k].verdict, note=others[k].words(e, float(others[k].trade[place])))
 
