@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -225,7 +225,7 @@ def coarsest(problem: Problem, space: ParameterSpace, point: Array, begun: Fit |
     return problem.approximated(places[1], nudged)
 
 
-def _faithful(rough: Sequence[Array], fine: Sequence[Array]) -> bool:
+def _faithful(rough: Iterable[Array], fine: Sequence[Array]) -> bool:
     """Whether a coarse step tells nearly the same residuals (m,) as a fine one at each place."""
     pairs = zip(rough, fine, strict=True)
     return all(np.linalg.norm(near - real) <= FAITHFUL * np.linalg.norm(real) for near, real in pairs)

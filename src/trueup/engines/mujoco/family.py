@@ -262,19 +262,6 @@ def _servos(model: Model) -> set[tuple[int, str]]:
     return {(i, kind) for i in range(m.nactuator) for kind, is_one in kinds.items() if is_one(m, i)}
 
 
-<<<<<<< HEAD
-def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
-    """A note where the model steps otherwise than it is simulated."""
-    own = float(simulator.model.compiled.opt.timestep)
-    if abs(own - simulator.step) < 0.01 * simulator.step:
-        return ()
-    return (
-        f"the model steps by {1e3 * own:g} ms; here it is simulated at {1e3 * simulator.step:g} ms, which values are for",
-    )
-
-
-=======
->>>>>>> f682f978 (Commands of slides without a unit are asked about, and positions that are no lengths; a header that stands again is named)
 def _lines(model: Model, training: Sequence[Recording], request: Request) -> tuple[list[Declaration], list[Diagnosis]]:
     """What is calibrated: as a file declares it, or as recordings propose it, with what they show for it."""
     if request.parameters is not None:

@@ -231,14 +231,12 @@ def about_sensors(simulator: MujocoSimulator, calibration: Calibration) -> tuple
 
 
 def about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
-    """A note where the model takes smaller steps than it is simulated at."""
+    """A note where the model steps otherwise than it is simulated."""
     own = float(simulator.model.compiled.opt.timestep)
-    if own > 0.99 * simulator.step:
+    if abs(own - simulator.step) < 0.01 * simulator.step:
         return ()
-    return (
-        f"the model steps by {1e3 * own:g} ms, here it is simulated at {1e3 * simulator.step:g} ms; with --step {own:g} the "
-        f"values are those of its own step, for about {simulator.step / own:.1f} times the time",
-    )
+    here = f"here it is simulated at {1e3 * simulator.step:g} ms, and values are those for that step"
+    return (f"the model steps by {1e3 * own:g} ms; {here}",)
 
 
 def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
