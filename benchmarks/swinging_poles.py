@@ -41,7 +41,8 @@ _OURS, _PEER = (
 )
 _OFF = (1.3, 0.7, 1.4, 0.7, 1.35, 0.7)
 """Times what is true, in a robot's file: both masses, friction and damping of its drive, damping of its pole, stiffness."""
-_STEP, _JUDGED = 0.0025, 0.5  # s
+_STEP, _OWN, _JUDGED = 0.002, 0.0005, 0.5  # s, of a file, of a robot, and of the replays that judge
+_EVERY = 0.005  # s between commands, and between measurements
 _NOISE = {"m": 2e-4, "rad": 1e-3}
 _TREE = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody><body name="first">
 <joint name="x" {first} frictionloss="{friction}" damping="{damping}"/>
@@ -71,8 +72,8 @@ class Robot:
     stiffness: float = 0.0
     """Of who drives it by force or torque, who is damped to match."""
 
-    def mjcf(self, off: tuple[float, ...] = (1.0,) * len(_OFF)) -> str:
-        """Its file, with values so many times those that are true."""
+    def mjcf(self, off: tuple[float, ...] = (1.0,) * len(_OFF), step: float = _STEP) -> str:
+        """Its file, with values so many times those that are true, and a step in s."""
         mass, pole_mass, friction, damping, pole_damping, *kp = (v * o for v, o in zip(self.values, off, strict=False))
         first, link, axis, _ = _KINDS[self.kind]
         drive = (
@@ -80,14 +81,14 @@ class Robot:
             if kp
             else '<motor name="x" joint="x"/>'
         )
-        return _TREE.format(step=_STEP, first=first, friction=friction, damping=damping, link=link.format(length=self.length),
+        return _TREE.format(step=step, first=first, friction=friction, damping=damping, link=link.format(length=self.length),
                             mass=mass, axis=axis, pole_damping=pole_damping, length=self.length, pole_mass=pole_mass,
                             drive=drive)  # fmt: skip
 
     def moved(self, name: str, seed: int) -> Recording:
-        """15 s in which its pole is swung, commanded and measured every 5 ms."""
-        rng, model = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(self.mjcf())
-        data, time_, rows = mujoco.MjData(model), np.arange(0.0, 15.0, 0.005), []
+        """15 s in which its pole is swung, commanded and measured every 5 ms; it moves in steps of 0.5 ms."""
+        rng, model = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(self.mjcf(step=_OWN))
+        data, time_, rows = mujoco.MjData(model), np.arange(0.0, 15.0, _EVERY), []
         wave = self._wave(rng)
         inertia = self.stiffness / (2.0 * np.pi * 2.0 * self._rate) ** 2
         for now in time_:
@@ -96,7 +97,7 @@ class Robot:
                 asked = self.stiffness * (asked - data.qpos[0]) - 1.4 * np.sqrt(self.stiffness * inertia) * data.qvel[0]
             rows.append([asked, *data.qpos])
             data.ctrl[0] = asked
-            mujoco.mj_step(model, data, 2)
+            mujoco.mj_step(model, data, round(_EVERY / _OWN))
         seen, unit = np.array(rows), _KINDS[self.kind][3]
         noise = rng.normal(0.0, 1.0, (len(time_), 2)) * np.array([_NOISE[unit], _NOISE["rad"]])
         drive = unit if not self.stiffness else {"m": "N", "rad": "N m"}[unit]
