@@ -241,7 +241,7 @@ def _findings(
     others = (*rivals(problem, found), *held_open(problem, found, untold, open_))
     wide = widened(with_structure(estimates, lacking), others)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
-    owed = considered(problem, found, covariance, {p.name for p in untold} - limits.keys())
+    owed = considered(found.shot or problem, found, covariance, {p.name for p in untold} - limits.keys())
     told = judged_at_last(doubted(with_ties(wide, owed, limits, declared), others), declared)
     measured = any("torque" in t.observed for t in problem.trials)
     grown = None if measured else proportion_of(problem.simulator, found.space)

@@ -42,8 +42,9 @@ def limits_seen(problem: Problem, fit: Fit, names: Sequence[str] | None = None) 
     """What is seen of each free limit, or of some by `names`, all other parameters settled around each place as slopes
     foretell it; by name.
     """
+    solved = fit.shot or problem
     problem = (
-        fit.near or problem.at_level(fit.values, fit.residual) or problem
+        fit.near or solved.at_level(fit.values, fit.residual) or solved
     )  # the engine takes minutes where others do
     free = [p for p in fit.space.parameters if not p.frozen]
     limits = [k for k, p in enumerate(free) if is_limit(p) and (names is None or p.name in names)]
