@@ -54,7 +54,7 @@ def rotor(folder: Path, seconds: float, rates: tuple[float, ...]) -> Estimate:
 def test_a_rotor_that_slow_motion_does_not_tell_from_a_gear_that_twists_is_identified_by_fast_motion_alone(
     tmp_path: Path,
 ) -> None:
-    slow, fast = rotor(tmp_path, 2.0, (0.4,)), rotor(tmp_path, 3.0, (0.7, 2.1, 4.0))
+    slow, fast = rotor(tmp_path, 2.0, (0.3,)), rotor(tmp_path, 3.0, (0.7, 2.1, 4.0))
     assert slow.verdict == "weak"
     assert "hangs on whether the robot has play and twist of gears, which these recordings do not tell" in slow.note
     assert "would show it" in slow.note
