@@ -14,7 +14,6 @@ from trueup.chance import Buffeting, CommandNoise, Disturbance, Sensing
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError, ParameterError, TrialError, unknown_name
 from trueup.parameters import ParameterSpace
-from trueup.trial import LONGEST_STEP
 
 if TYPE_CHECKING:
     from trueup.engines.mujoco.model import Model
@@ -77,8 +76,7 @@ def walk(
 
     read = load(Path(model))
     # Light feet and rotors shake at steps that are longer than those their file was made for, and a walk falls by it.
-    own = min(float(read.compiled.opt.timestep), LONGEST_STEP)
-    simulator = MujocoSimulator(read, step=own if step is None else step)
+    simulator = MujocoSimulator(read, step=read.own_step if step is None else step)
     return simulator, task_of(simulator, tuple(left), tuple(right), course, **options)  # type: ignore[arg-type]
 
 

@@ -43,9 +43,8 @@ def limits_seen(problem: Problem, fit: Fit, names: Sequence[str] | None = None) 
     foretell it; by name.
     """
     solved = fit.shot or problem
-    problem = (
-        fit.near or solved.at_level(fit.values, fit.residual) or solved
-    )  # the engine takes minutes where others do
+    # An approximation at the level of the engine, which would take minutes.
+    problem = fit.near or solved.at_level(fit.values, fit.residual) or solved
     free = [p for p in fit.space.parameters if not p.frozen]
     limits = [k for k, p in enumerate(free) if is_limit(p) and (names is None or p.name in names)]
     if not limits:

@@ -74,7 +74,6 @@ from trueup.inspection.unfit import no_lengths
 from trueup.inspection.unfollowed import beside_commands
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
-from trueup.trial import LONGEST_STEP
 
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("gravity", compensated), ("overlaps", passable),
@@ -189,7 +188,7 @@ class Articulated(Family):
                  "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels))}  # fmt: skip
         known = {**model.settings(), **read_gains(request.parameters)}
         gains, named = Gains.named_by(everything, known, {} if model.guessed else _stiffness(model))
-        step = request.step or min(float(model.compiled.opt.timestep), LONGEST_STEP)
+        step = request.step or model.own_step
         simulator, more = self.engine_simulator(model, lines, names, gains, step, declared=declared)
         return simulator, (*notes, *proposed, *named, *more)
 
@@ -244,7 +243,7 @@ class Articulated(Family):
         return tuple((name, family, count) for (name, family), count in counts.items())
 
     def advice(self, simulator: MujocoSimulator, calibration: Calibration | None = None) -> tuple[str, ...]:
-        """See Family: smaller steps before a calibration, friction with load after it."""
+        """See Family: another step than the model's before a calibration, friction with load after it."""
         if calibration is None:
             return about_step(simulator)
         return tuple(n for about in (about_sensors, about_load, about_masses) for n in about(simulator, calibration))

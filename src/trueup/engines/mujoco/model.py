@@ -22,6 +22,7 @@ from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
 from trueup.errors import ModelError, unknown_name
 from trueup.model_files.urdf import root_tag
 from trueup.rounding import NEGLIGIBLE
+from trueup.trial import LONGEST_STEP
 from trueup.units import FURTHEST_TURN
 
 # Sensors that look at geoms, those without contacts too.
@@ -55,6 +56,11 @@ class Model:
     def __getstate__(self) -> dict[str, object]:
         """As it is sent to another process: what is simulated, not what a file is written from."""
         return {**self.__dict__, "spec": None, "given": None, "driven": None}
+
+    @property
+    def own_step(self) -> float:
+        """s: integration step that its file names, `LONGEST_STEP` at most; MuJoCo's usual one where it names none."""
+        return min(float(self.compiled.opt.timestep), LONGEST_STEP)
 
     @property
     def name(self) -> str:
