@@ -141,3 +141,33 @@ def test_a_parked_car_whose_receiver_drifts_keeps_its_heading(seed: int) -> None
     place = parked.channel("position")
     given = parked.with_channel(place.replace(values=place.values + drift))
     assert _off(cleaned(given), parked) < 1e-6
+
+
+def _skidding(seed: int) -> Recording:
+    """A robot whose wheels turn it half as far as they believe: its yaw and turn rate are those of its wheels."""
+    rng, count = np.random.default_rng(seed), 900
+    turn = np.repeat(rng.uniform(-0.5, 0.5, count // 30), 30)
+    drive = _driven("skidding", np.full(count, 0.8), turn)
+    time = drive.channel("heading").time
+    believed = np.cumsum(STEP * 1.6 * turn)[:, None]
+    rate = Channel("yaw_rate", ("yaw_rate",), "rad/s", time, 1.6 * turn[:, None])
+    return drive.with_channel(drive.channel("heading").replace(values=believed)).with_channel(rate)
+
+
+def test_a_heading_of_wheels_that_skid_is_not_used_beside_a_place_of_satellites() -> None:
+    drive = _skidding(3)
+    found = cleaned(drive)
+    yaw = drive.channel("heading").values / 1.6
+    off = np.abs((found.channel("heading").values - yaw + np.pi) % (2.0 * np.pi) - np.pi)[100:]
+    assert np.sqrt(np.mean(off**2)) < 0.05  # of the wheels' heading 1.1
+    assert "in neither sense and from no zero" in found.provenance["warnings"]
+
+
+def test_a_tracker_before_the_axle_of_a_robot_that_turns_on_the_spot_contradicts_no_heading() -> None:
+    time = np.arange(0.0, 90.0, STEP)
+    drive = _driven("spins", 0.1 * np.sin(0.2 * time), 0.8 * np.sin(0.5 * time))
+    yaw = drive.channel("heading").values
+    ahead = 0.6 * np.concatenate([np.cos(yaw), np.sin(yaw)], axis=1)
+    position = drive.channel("position")
+    found = cleaned(drive.with_channel(position.replace(values=position.values + ahead)))
+    assert "neither" not in found.provenance.get("warnings", "")

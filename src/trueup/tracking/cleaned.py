@@ -19,12 +19,16 @@ from trueup.tracking.heading import backing, course, heading_of, samples_in, tol
 from trueup.tracking.joined import end_to_end, joined, notes_on_jumps, sudden, there_and_back
 from trueup.tracking.place import fresh, place_of, tells_place
 from trueup.tracking.reversing import as_heading, driven_back
-from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
+from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source, sense_of
 from trueup.units import GRAVITY
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _LATE, _FEW = 0.05, 10  # s; samples that tell what is usual
 _CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
+_ELSEWHERE = (
+    "the recorded heading goes with the way driven in neither sense and from no zero, as that of wheel odometry where wheels "
+    "skid, and is not used"
+)
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 
 
@@ -48,17 +52,21 @@ def cleaned(
     said in the provenance's warnings. Raises RecordingError without pose or command.
     """
     position, heading, measured, good, jumps, notes = _tracked(recording)
+    missing = "no heading was recorded"
+    shared = (headings or {}).get(heading_source(recording))
+    if heading is not None and sense_of(position, heading, good, shared).contradicted:
+        heading, missing = None, _ELSEWHERE
     if heading is None:
         notes += [*_lost(measured & ~good), *notes_on_jumps(position, jumps)]
         back = driven_back(recording, position)
         gyro = recording.channel("yaw_rate") if recording.has("yaw_rate") else None
         heading = None if gyro is None else turned_with(position, gyro, good, back)
         source = "the direction of motion stands" if heading is None else "turn rate and direction of motion stand"
-        notes.append(f"no heading was recorded: {source} for it")
+        notes.append(f"{missing}: {source} for it")
         heading = heading or course(position, good, back)
         good &= np.isfinite(heading.values[:, 0])
     else:
-        heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
+        heading, turned = aligned(position, heading, good, shared)
         every, away = there_and_back(position, sorted({*jumps, *sudden(position, heading, good)}))
         position, heading = joined(position, heading, every)
         good &= ~away

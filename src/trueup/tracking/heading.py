@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from trueup.arrays import Array, Mask
+from trueup.evidence import FEWEST_PARTS, evidence
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import ROUNDED, TINY
@@ -21,6 +22,10 @@ _QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
 WAY = 0.05  # m at least between the poses that show a direction of motion, or a jump
 SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
+_BLOCK = 2.0  # times that lasts a block of moves: those of another hardly tell what it does
+_FINER = 2.0 ** (1.0 / 8.0)
+_SCALES = tuple(_FINER**k for k in range(-8, 9))
+"""Of a turn rate: wheels that skid turn a robot half as much as they would where they roll, or less."""
 
 
 def samples_in(span: float, time: Array) -> float:
@@ -92,26 +97,53 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask, back: Mask | N
     areas, angles = (np.interp(time, clock, v) for v in (area, angle))
     mean, turned = (areas[width:] - areas[:-width]) / lasted, angles[width:] - angles[:-width]
     ahead: NDArray[np.complex128] = np.where(usable, moved[:, 0] + 1j * moved[:, 1], 0j)
-    flipped = 1.0 if back is None else np.where(back[good][width:], -1.0, 1.0)
-    best: tuple[float, Array] = (0.0, np.zeros(0))
-    for sign in (1.0, -1.0):
-        swung = np.where(usable, 2.0 * np.sin(0.5 * sign * turned), 0.0) * flipped
-        agree, summed = _zero_of(time[width:], ahead * np.exp(-1j * sign * mean) * flipped, swung)
-        if agree > best[0]:
-            found = np.concatenate([np.zeros(width), np.unwrap(np.angle(summed))])
-            best = (agree, found + sign * angles)
-    if best[0] < MOSTLY:  # the length of the mean direction: gyroscope and way driven go together
+    flipped = np.ones(len(usable)) if back is None else np.where(back[good][width:], -1.0, 1.0)
+    clock, went = time[width:], ahead * flipped
+    scale = _scale_of(clock[::width], went[::width], mean[::width], turned[::width], flipped[::width])
+    agree, summed = _agreeing(scale, clock, went, mean, turned, flipped)
+    if agree.mean() < MOSTLY:  # the length of the mean direction: gyroscope and way driven go together
         return None
+    angle = np.concatenate([np.zeros(width), np.unwrap(np.angle(summed))]) + scale * angles
     values = np.full((len(position.time), 1), np.nan)
     started = np.concatenate([np.zeros(width, dtype=bool), np.cumsum(usable) > 0])
-    values[np.flatnonzero(good)[started], 0] = best[1][started]
+    values[np.flatnonzero(good)[started], 0] = angle[started]
     return Channel("heading", ("heading",), "rad", position.time, values)
 
 
-def _zero_of(time: Array, went: NDArray[np.complex128], swung: Array) -> tuple[float, NDArray[np.complex128]]:
-    """How well moves of a point (T,), complex in m, seen from the mean angle of a gyroscope between their ends, agree on its
-    zero, and sums (T,) whose argument that is. `swung` (T,) is how far a point a metre ahead of the axle moves to the left by
-    the turn alone.
+def _scale_of(time: Array, went: NDArray[np.complex128], mean: Array, turned: Array, forward: Array) -> float:
+    """What times the measured angle is the vehicle's, as moves that share no sample tell (see `_agreeing`): 1 or -1 as of a
+    gyroscope, unless they agree clearly better on another, as on that of wheels that skid in every turn.
+    """
+    moves, lasts = (time, went, mean, turned, forward), time[-1] - time[0]
+    count = min(max(lasts / (_BLOCK * _FADES), FEWEST_PARTS), lasts / _FADES)
+    block = ((time - time[0]) / max(lasts, TINY) * int(count)).astype(np.int64)
+    index = np.unique(block[np.abs(went) > 0.0], return_inverse=True)[1]
+
+    def apart(scale: float) -> Array:
+        return np.asarray(np.bincount(index, 1.0 - _agreeing(scale, *moves)[0]), dtype=np.float64)
+
+    usual = min((1.0, -1.0), key=lambda s: apart(s).sum())
+    rough = min((*_SCALES, *(-s for s in _SCALES)), key=lambda s: apart(s).sum())
+    best = min((rough * _FINER**k for k in np.linspace(-1.0, 1.0, 17).tolist()), key=lambda s: apart(s).sum())
+    without, with_it = apart(usual), apart(best)
+    sure = len(without) >= FEWEST_PARTS and evidence(without, with_it, without + with_it).holds
+    return best if sure else usual
+
+
+def _agreeing(
+    scale: float, time: Array, went: NDArray[np.complex128], mean: Array, turned: Array, forward: Array
+) -> tuple[Array, NDArray[np.complex128]]:
+    """What `_zero_of` gives for moves `went` (T,) in m, the vehicle's angle being `scale` times the one that was measured:
+    `mean` (T,) between their ends, `turned` (T,) from one to the other; `forward` (T,) is -1 where it backs off.
+    """
+    swung = np.where(np.abs(went) > 0.0, 2.0 * np.sin(0.5 * scale * turned), 0.0) * forward
+    return _zero_of(time, went * np.exp(-1j * scale * mean), swung)
+
+
+def _zero_of(time: Array, went: NDArray[np.complex128], swung: Array) -> tuple[Array, NDArray[np.complex128]]:
+    """How well each (M,) of the moves of a point (T,), complex in m and 0 where none, seen from the mean angle of a gyroscope
+        between their ends, agrees with those before it on its zero (at best 1), and sums (T,) whose argument that is. `swung`
+    (T,) is how far a point a metre ahead of the axle moves to the left by the turn alone.
 
     A lever arm says which part of each move goes across, and so the zero; what then goes across, regressed on the turn, is
     the lever arm: where both agree is found by the secant method.
@@ -132,7 +164,7 @@ def _zero_of(time: Array, went: NDArray[np.complex128], swung: Array) -> tuple[f
     found = root_scalar(beyond, method="secant", x0=0.0, x1=first) if abs(first) > ROUNDED else None
     summed = zeros(float(found.root) if found is not None and found.converged else 0.0)
     there, weight = np.abs(went) > 0.0, _fading(time, np.abs(went))
-    return float(np.mean(np.abs(summed[there]) / weight[there])), summed
+    return np.abs(summed[there]) / weight[there], summed
 
 
 def _fading(time: Array, values: NDArray[Number]) -> NDArray[Number]:

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import FEWEST_PARTS, STANDARD_ERRORS, evidence
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 from trueup.tracking.heading import SPAN, motion, telling, told_by
 
 _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
 
 _SURE = np.cos(_WITHIN + _WITHIN)
 """Share of the squares of moves that lies along the heading, less that across, of moves that far beside it."""
+
+_ROUNDS = 10
+"""Zero and lever arm in turn: each takes what the other leaves."""
 
 Source = tuple[str, ...]
 """Where a heading comes from: recordings that agree on it were logged alike."""
@@ -46,6 +50,8 @@ class Moves:
     """(K, 2) in m."""
     angle: Array
     """(K,) the heading as recorded, in rad."""
+    swing: Array
+    """(K, 2) where a point one metre ahead went by the turn of that heading alone."""
     block: Integers
     """(K,) which span of time each belongs to: moves of one share samples."""
 
@@ -54,10 +60,11 @@ class Moves:
         """Of the good samples of both, which have the same times."""
         time, points, angle = position.time[good], position.values[good], heading.values[good, 0]
         if len(time) < FEWEST_PARTS:
-            return cls(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=np.int64))
+            return cls(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0, dtype=np.int64))
         moved, sure = motion(time, points)
         sure &= np.linalg.norm(moved, axis=1) > telling(points)
-        return cls(moved[sure], angle[sure], ((time[sure] - time[0]) / SPAN).astype(np.int64))
+        swing = motion(time, np.stack([np.cos(angle), np.sin(angle)], axis=1))[0]
+        return cls(moved[sure], angle[sure], swing[sure], ((time[sure] - time[0]) / SPAN).astype(np.int64))
 
     @property
     def squares(self) -> Array:
@@ -71,6 +78,25 @@ class Moves:
     def shows(self, sign: float) -> bool:
         """Whether they go along the heading of this sign, from whatever zero."""
         return _tell([self]) and abs(self.along(sign)) >= _SURE * self.squares.sum()
+
+    @property
+    def turns(self) -> bool:
+        """Whether the heading is another by more than a frame may be turned on the car, in some moves than in others."""
+        long = np.sum(self.way**2, axis=1)
+        return bool(abs(np.sum(long * np.exp(1j * self.angle))) < np.cos(_WITHIN) * long.sum())
+
+    def unlike(self, sign: float) -> tuple[float, float]:
+        """Squares in m^2 of what lies across the heading of this sign, and of the whole, from the zero and with the lever arm
+        of the tracked point that suit it best: a point ahead of the axle swings aside as a robot turns on the spot.
+        """
+        turned = self._turned(sign)
+        across = sign * np.imag((self.swing[:, 0] + 1j * self.swing[:, 1]) * np.exp(-1j * self.angle))
+        own, zero = turned, 0.5 * np.angle(np.sum(turned**2))
+        for _ in range(_ROUNDS):
+            lever = np.sum(np.imag(turned * np.exp(-1j * zero)) * across) / max(float(np.sum(across**2)), TINY)
+            own = turned - 1j * lever * across * np.exp(1j * zero)
+            zero = 0.5 * np.angle(np.sum(own**2))
+        return float(np.sum(np.imag(own * np.exp(-1j * zero)) ** 2)), float(np.sum(np.abs(own) ** 2))
 
     def across(self, sign: float, zero: float) -> Array:
         """(B,) squares in m^2 of what lies across the heading, block by block."""
@@ -96,6 +122,9 @@ class Sense:
     sign: float = 1.0
     zero: float | None = None
     """In rad; None where recordings differ, or do not show it."""
+    contradicted: bool = False
+    """Whether the way driven goes along the heading in neither sense, from whatever zero: it is another frame's that turns
+    otherwise, as that of wheel odometry beside satellites where wheels skid."""
 
     @classmethod
     def of(cls, drives: Sequence[Moves]) -> Sense:
@@ -103,6 +132,8 @@ class Sense:
 
         Where some clearly show one sign and some the other, those are asked that went farther.
         """
+        if _contradicted(drives):
+            return cls(contradicted=True)
         clear = {sign: [d for d in drives if _clearer([d], sign, None)] for sign in (1.0, -1.0)}
         fewer = min(clear.values(), key=lambda some: sum(float(d.squares.sum()) for d in some))
         drives = [d for d in drives if all(d is not one for one in fewer)]
@@ -124,6 +155,11 @@ class Sense:
         if self.zero is None or abs(_wrapped(own - self.zero, np.pi)) > _WITHIN:
             return _directed([drive], self.sign, own)
         return _snapped(self.zero + _wrapped(own - self.zero, np.pi))
+
+
+def sense_of(position: Channel, heading: Channel, good: Mask, shared: Sense | None = None) -> Sense:
+    """What recordings logged alike show together (`shared`), without that what this one shows alone."""
+    return shared or Sense.of([Moves.of(position, heading, good)])
 
 
 def aligned(position: Channel, heading: Channel, good: Mask, shared: Sense | None = None) -> tuple[Channel, list[str]]:
@@ -152,8 +188,19 @@ def aligned(position: Channel, heading: Channel, good: Mask, shared: Sense | Non
 
 def _tell(drives: Collection[Moves]) -> bool:
     """Whether their moves are as good as FEWEST_PARTS of one length that share no sample (L. Kish, Survey Sampling, 1965)."""
-    squares = np.concatenate([d.squares for d in drives])
+    squares = np.concatenate([np.zeros(0), *(d.squares for d in drives)])
     return bool(squares.sum() ** 2 >= FEWEST_PARTS * np.sum(squares**2) > 0.0)
+
+
+def _contradicted(drives: Sequence[Moves]) -> bool:
+    """Whether moves lie beside headings that turn, each in the sense that suits it best, by more than a frame may be turned
+    on the car. Where the heading stays as it is the car may stand while its receiver drifts.
+    """
+    turning = [d for d in drives if d.turns]
+    if not _tell(turning):
+        return False
+    across, whole = np.sum([min(d.unlike(1.0), d.unlike(-1.0)) for d in turning], axis=0)
+    return bool(whole - 2.0 * across < _SURE * whole)
 
 
 def _clearer(drives: Collection[Moves], sign: float, axes: Mapping[float, complex] | None) -> bool:
