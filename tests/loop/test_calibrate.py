@@ -141,8 +141,9 @@ def test_an_interrupted_calibration_goes_on_in_the_windows_it_had(
     made, states = simulator(), list[dict[str, Any]]()
     short, options = [r.slice(0.0, 1.5) for r in recordings[:1]], Options(cross_validate=False, select=False)
     calibrate(made, short, options=options, checkpoint=states.append)
+    held = {made.parameters.names[0]: float(made.parameters.nominal[0])}
     left = {**states[-1]["search"], "point": states[-1]["search"]["point"][1:]}
-    calibrate(made, short, options=options, resume={**states[-1], "frozen": made.parameters.names[:1], "search": left})
+    calibrate(made, short, options=options, resume={**states[-1], "frozen": held, "search": left})
     assert freed[0] == freed[1]
 
 

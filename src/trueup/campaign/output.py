@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +22,7 @@ from trueup.formats.plain import write_json
 from trueup.recording import Recording
 
 _STATE, _OUTCOME = "state.json", "calibration.json"
+_LAYOUT = 2  # of what the state holds; one of another layout is not gone on from
 _FILES = (_OUTCOME, "parameters.toml", "report.html", "replay.svg")
 
 
@@ -38,21 +41,30 @@ class Output:
     def open(cls, folder: Path, model: Path, fingerprint: str, *, suffix: str = ".xml", force: bool = False) -> Output:
         """The folder, or the first of folder-2, folder-3 ... that holds no other results; `force` takes it as it is.
 
-        `suffix` is that of the calibrated model's file. Raises OutputError where it cannot be made, and where the
-        calibrated model would overwrite the one given.
+        `suffix` is that of the calibrated model's file. A folder that another process writes to is passed by. Raises
+        OutputError where it cannot be made, where the calibrated model would overwrite the one given, and where another
+        process writes to what is to be taken by `force`.
         """
-        name = f"{model.stem}{suffix}"
+        name, busy = f"{model.stem}{suffix}", False
         for at in numbered(folder):
             if (at / name).resolve() == model.resolve():
                 if force:
                     raise OutputError(f"{at / name} is the model that was given; name another folder with --out")
                 continue
             state = kept_state(at / _STATE)
-            if state is not None and state.get("fingerprint") == fingerprint and not force:
+            ours = state is not None and state.get("fingerprint") == fingerprint and not force
+            if not (ours or force or not any((at / f).exists() for f in (*_FILES, _STATE, name))):
+                continue
+            if not _claimed(create_folder(at)):
+                if force:
+                    raise OutputError(f"{at}: another process writes its results there; name another folder with --out")
+                busy = busy or at == folder
+                continue
+            if ours and state is not None:
                 return cls(at, fingerprint, at / name, state.get("search"), f"going on from {at / _STATE}")
-            if force or not any((at / f).exists() for f in (*_FILES, _STATE, name)):
-                note = f"{folder} holds other results, so these go to {at}" if at != folder else ""
-                return cls(create_folder(at), fingerprint, at / name, None, note)
+            why = "is written to by another process" if busy else "holds other results"
+            note = f"{folder} {why}, so these go to {at}" if at != folder else ""
+            return cls(at, fingerprint, at / name, None, note)
         raise _all_taken(folder)
 
     @property
@@ -87,11 +99,42 @@ def is_empty(folder: Path) -> bool:
 
 
 def free_folder(folder: Path, free: Callable[[Path], bool] = is_empty) -> Path:
-    """The folder, or the first of folder-2, folder-3 ... that is `free` to write results to; made. Raises OutputError."""
+    """The folder, or the first of folder-2, folder-3 ... that is `free` to write results to, and to which no other process
+    writes; made. Raises OutputError.
+    """
     for at in numbered(folder):
-        if free(at):
-            return create_folder(at)
+        if free(at) and _claimed(create_folder(at)):
+            return at
     raise _all_taken(folder)
+
+
+_CLAIMS: dict[tuple[int, int], int] = {}
+"""Folders that this process writes to, by device and number, and what they are held by until it ends."""
+
+
+def _claimed(folder: Path) -> bool:
+    """Whether a folder that is there is this process's to write to from now on: two that began at once would take it for
+    empty, and each would replace what the other has found. A lock that ends with the process leaves nothing behind.
+    """
+    try:
+        held = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return True  # what is wrong with it is said where it is written to
+    status = os.fstat(held)
+    key = (status.st_dev, status.st_ino)
+    if key in _CLAIMS:
+        os.close(held)
+        return True
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(held)
+        return False
+    except OSError:  # a file system without locks
+        os.close(held)
+        return True
+    _CLAIMS[key] = held
+    return True
 
 
 def numbered(folder: Path) -> Iterator[Path]:
@@ -119,7 +162,7 @@ def fingerprint(
     model: Path, parameters: Path | None, recordings: Sequence[Recording], choices: Mapping[str, Any]
 ) -> str:
     """What a calibration depends on, as one hash: model file, parameters file, recordings, choices."""
-    digest = hashlib.sha256(json.dumps(dict(choices), sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps({**choices, "state": _LAYOUT}, sort_keys=True).encode())
     for file in (model, parameters):
         digest.update(file.read_bytes() if file is not None else b"-")
     for recording in recordings:

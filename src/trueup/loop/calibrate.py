@@ -200,10 +200,10 @@ def _searched(
     """What is searched, and whether an interrupted search had already chosen from it. Raises CalibrationError."""
     if not space.free.any():
         raise CalibrationError("all parameters are frozen: nothing to calibrate")
-    frozen, waiting = ([], later) if resume is None else (resume.get("frozen", ()), resume.get("waiting", later))
+    frozen, waiting = ({}, later) if resume is None else (resume.get("frozen", {}), resume.get("waiting", later))
     gone = [n for n in frozen if space[n].optional not in waiting]
     asked = [n for n in gone if space[n].optional in later]
-    left = space.freeze(gone).without(asked)
+    left = space.freeze(gone, frozen).without(asked)
     past = set(later).difference(waiting)  # what was kept of these is no longer asked about
     left = ParameterSpace(tuple(p.replace(optional="") if p.optional in past else p for p in left.parameters))
     return left, len(gone) - len(asked) > int((~space.free).sum())

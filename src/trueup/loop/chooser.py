@@ -60,7 +60,7 @@ class Chooser:
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
             told = {**how, "stages": SHIPPED} if nothing else {**how, "stages": _refining(how), "begun": found}
-            again = fit(problem, space, space.nominal if nothing else values, watch, **told)
+            again = fit(problem, space, space.nominal if nothing else values, watch.aside(), **told)
             lower = (loss := _loss(again, first)) < lowest - proof(problem, found)
             if lower and not again.weighed:  # it was no optimum where it was asked; among touches lower is chance
                 lowest = loss
@@ -84,7 +84,7 @@ class Chooser:
             again = None
             if values is not None:
                 space = found.space.left_open([p.name for p in held])
-                again = fit(problem, space, values, watch, **{**how, "stages": _refining(how)}, begun=found)
+                again = fit(problem, space, values, watch.aside(), **{**how, "stages": _refining(how)}, begun=found)
             if again is not None and _loss(again, found) < found.loss + proof(problem, found) * len(held):
                 self._take(Choice(tuple(p.name for p in held), kept_notes(held)))
                 found = _with_notes(again, found)

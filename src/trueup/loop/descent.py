@@ -97,10 +97,14 @@ class Watch:
             passed = time.perf_counter() - self.began
             self.progress(replace(self.trace[-1], evaluations=evaluations, seconds=passed))
 
+    def aside(self) -> Watch:
+        """The same for a trial, from which no interrupted search may go on: it reports and keeps nothing."""
+        return replace(self, checkpoint=None)
+
     def save(self, stage: str, space: ParameterSpace, state: dict[str, Any]) -> None:
-        """Hands the state of the search to the checkpoint."""
+        """Hands the state of the search to the checkpoint, what is held and where included."""
         if self.checkpoint is not None:
-            frozen = [p.name for p in space.parameters if p.frozen]
+            frozen = {p.name: p.nominal for p in space.parameters if p.frozen}
             entered = {structure: list(names) for structure, names in self.entered.items()}
             self.checkpoint(
                 {"stage": stage, "frozen": frozen, "waiting": self.waiting, "entered": entered, "bare": list(self.bare),
@@ -231,7 +235,7 @@ class Descent:
         real = replace(last_look(look.real, look.problem), name=look.name)
         if not np.isfinite(self._residual(real.problem)).all():
             return None  # where the coarser step led, the real one fails
-        return replace(self).polish(real)
+        return replace(self, watch=self.watch.aside()).polish(real)
 
     def take_up(self, slopes: Array) -> None:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""

@@ -153,7 +153,7 @@ def longer_parts(run: Run) -> None:
     first = run.first.residuals(begin[None])[0]
     if found.residual is None or HALVED**2 * np.mean(found.residual**2) < max(np.mean(first**2), HALVED**2):
         return
-    run.descent = replace(before)
+    run.descent = replace(before, watch=before.watch.aside())
     run.descent.restart(np.clip(before.space.to_unit(begin), 0.0, 1.0))
     length, longest = (max(t.duration for t in p.trials) for p in (run.first, run.coarse))
     while (length := LONGER * length) < longest:
@@ -161,8 +161,7 @@ def longer_parts(run: Run) -> None:
         run.descent.descend(Look("longer parts", part, part, 5.0, 15))
     there = run._searched(look).residual
     old, new = robust_losses(np.stack([found.residual, found.residual if there is None else there]), found.delta)
-    if not new < old:
-        run.descent = before
+    run.descent = before if not new < old else replace(run.descent, watch=before.watch)
 
 
 def refinement(run: Run) -> None:

@@ -41,6 +41,7 @@ def asked_again(run: Run) -> None:
         if not _gained(run, descent, before):
             run.descent = before
             break
+        descent.watch = before.watch
         descent.finished(run.look, again=True)  # what was freed must be told by slopes there, or is frozen at the end
         run.untold = {n: p for n, p in run.untold.items() if descent.space[n].frozen}
 
@@ -64,7 +65,7 @@ def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> De
     if not told or promise < look.problem.chance(found.residual) * len(told):
         return None
     space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
-    again, begin = replace(descent, space=space, search=None), found.values.copy()
+    again, begin = replace(descent, space=space, search=None, watch=descent.watch.aside()), found.values.copy()
     for name, value in reached.items():
         begin[space.index(name)] = value
     again.restart(np.clip(space.to_unit(begin), 0.0, 1.0))
