@@ -9,9 +9,12 @@ import importlib
 import importlib.metadata
 import os
 import re
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 if TYPE_CHECKING:
@@ -68,7 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.command == "completion":
         args.words = {name: options_of(name) for name in ("", *_COMMANDS)}
     try:
-        return _run(args)
+        with _ended_as_by_a_key():
+            return _run(args)
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as `head` does
@@ -80,6 +84,25 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         _consoles()[1].print(f"[bold red]error[/] {message}", soft_wrap=True, highlight=False)
         return _ERROR
+
+
+@contextmanager
+def _ended_as_by_a_key() -> Iterator[None]:
+    """SIGTERM, as a supervisor or a shutdown sends it, ends a command as Ctrl-C does: what is kept is said, and no file
+    is left half written.
+    """
+
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # which alone may ask for signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, interrupted)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
 def _run(args: argparse.Namespace) -> int:

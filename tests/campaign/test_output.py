@@ -12,14 +12,18 @@ import pytest
 from trueup.campaign.output import Output, free_folder
 from trueup.errors import OutputError
 
-_HOLD = "import sys; from pathlib import Path; from trueup.campaign.output import free_folder as f; f(Path(sys.argv[1])); \
+_HOLD = (
+    "import sys; from pathlib import Path; from trueup.campaign.output import free_folder as f; f(Path(sys.argv[1])); \
 print('held', flush=True); sys.stdin.read()"
+)
 
 
 def test_a_folder_that_another_process_writes_to_is_passed_by(tmp_path: Path) -> None:
     """Two that begin at once both find it empty."""
     at, model = tmp_path / "fit", tmp_path / "arm.xml"
-    with subprocess.Popen([sys.executable, "-c", _HOLD, str(at)], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLD, str(at)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
         assert other.stdout is not None
         other.stdout.readline()
         own = Output.open(at, model, "print")

@@ -17,7 +17,7 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import CalibrationError
-from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.calibrate import Options, _searched, calibrate
 from trueup.loop.fit import DESCENT, Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.recalibrate import Earlier, recalibrate
@@ -145,6 +145,18 @@ def test_an_interrupted_calibration_goes_on_in_the_windows_it_had(
     left = {**states[-1]["search"], "point": states[-1]["search"]["point"][1:]}
     calibrate(made, short, options=options, resume={**states[-1], "frozen": held, "search": left})
     assert freed[0] == freed[1]
+
+
+def test_an_interrupted_calibration_goes_on_with_the_values_at_which_it_held_others(
+    simulator: Callable[..., MujocoSimulator],
+) -> None:
+    """What an earlier look had led to, or that of a structure that is not there, not where they began."""
+    space = simulator().parameters
+    name = space.names[0]
+    left, chosen = _searched(space, (), {"frozen": {name: 1.25}})
+    assert left[name].frozen
+    assert left[name].nominal == 1.25
+    assert chosen
 
 
 def test_later_recordings_cost_a_third_of_a_search_anew_and_are_fitted_as_well(

@@ -100,6 +100,17 @@ def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(se
     assert rest.evaluations == whole.evaluations - sum(len(told) for told in half["search"]["told"])
 
 
+def test_a_trial_is_not_kept_as_where_an_interrupted_search_goes_on(formula: Make) -> None:
+    states: list[dict[str, Any]] = []
+    problem = problem_of(formula(ridge, SPACE))
+    run = Descent(SPACE, np.clip(SPACE.to_unit(SPACE.nominal), 0, 1), Watch(checkpoint=states.append), 3.0)
+    look = last_look(problem, problem)
+    _held(run, look, 1, 0.5)
+    assert not states
+    run.descend(look)
+    assert states
+
+
 def rubbed(time: Array, values: Array, step: float) -> Array:
     """A signal of which next to nothing is left where the second value is its true ten-thousandth."""
     mass, loss = values

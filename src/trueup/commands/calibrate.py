@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,8 +133,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if output is None:
         _show_proposal(ready, console)
         return 0
-    calibration = _calibrated(args, ready, output, told)
-    files, said = _write(args, output, ready, calibration)
+    with _going_on(args, output, told):
+        calibration = _calibrated(args, ready, output, told)
+        files, said = _write(args, output, ready, calibration)
     if args.json:
         console.print_json(output.outcome_file.read_text(encoding="utf-8"))
     else:
@@ -204,14 +206,21 @@ def _channels(args: argparse.Namespace) -> tuple[str, ...] | None:
 
 def _calibrated(args: argparse.Namespace, ready: Preparation, output: Output, told: Console) -> Calibration:
     resume: dict[str, Any] | None = dict(output.resume) if output.resume is not None else None
+    with Watcher(told, _main_unit(ready.recordings), quiet=args.quiet) as watcher:
+        return ready.calibrate(_options(args), progress=watcher, checkpoint=output.save, resume=resume)
+
+
+@contextmanager
+def _going_on(args: argparse.Namespace, output: Output, told: Console) -> Iterator[None]:
+    """Says how to go on where this is interrupted; an empty folder is removed."""
     try:
-        with Watcher(told, _main_unit(ready.recordings), quiet=args.quiet) as watcher:
-            return ready.calibrate(_options(args), progress=watcher, checkpoint=output.save, resume=resume)
+        yield
     except KeyboardInterrupt:
         kept = output.state_file.is_file()
         where = f"the search is kept in {output.state_file}" if kept else "there was nothing to keep yet"
+        same = "The same command without --force" if kept and args.force else "The same command"
         then = "goes on from there" if kept else "starts again"
-        tell(told, escape(f"stopped; {where}. The same command {then}:\n  {typed(args)}"))
+        tell(told, escape(f"stopped; {where}. {same} {then}:\n  {typed(args)}"))
         output.discard()
         raise
     except TrueupError:

@@ -74,12 +74,10 @@ class Watch:
 
     progress: Progress | None = None
     checkpoint: Checkpoint | None = None
-    waiting: tuple[str, ...] = ()
-    """Structures that have not been asked about yet."""
+    waiting: tuple[str, ...] = ()  # structures that have not been asked about yet
     entered: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Structures that entered at a coarser step, with the names of their parameters."""
-    bare: Sequence[float] = ()
-    """(n,) values of the fit before these entered."""
+    bare: Sequence[float] = ()  # (n,) values of the fit before these entered
     began: float = field(default_factory=time.perf_counter)
     trace: list[TracePoint] = field(default_factory=list)
 
@@ -98,7 +96,7 @@ class Watch:
             self.progress(replace(self.trace[-1], evaluations=evaluations, seconds=passed))
 
     def aside(self) -> Watch:
-        """The same for a trial, from which no interrupted search may go on: it reports and keeps nothing."""
+        """The same for a trial, from which no interrupted search may go on."""
         return replace(self, checkpoint=None)
 
     def save(self, stage: str, space: ParameterSpace, state: dict[str, Any]) -> None:
@@ -106,10 +104,8 @@ class Watch:
         if self.checkpoint is not None:
             frozen = {p.name: p.nominal for p in space.parameters if p.frozen}
             entered = {structure: list(names) for structure, names in self.entered.items()}
-            self.checkpoint(
-                {"stage": stage, "frozen": frozen, "waiting": self.waiting, "entered": entered, "bare": list(self.bare),
-                 "search": state}
-            )  # fmt: skip
+            kept = {"stage": stage, "frozen": frozen, "waiting": self.waiting, "entered": entered}
+            self.checkpoint({**kept, "bare": list(self.bare), "search": state})
 
 
 @dataclass(frozen=True)
