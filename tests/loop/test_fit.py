@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -103,7 +104,11 @@ def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(se
 def test_a_trial_is_not_kept_as_where_an_interrupted_search_goes_on(formula: Make) -> None:
     states: list[dict[str, Any]] = []
     problem = problem_of(formula(ridge, SPACE))
-    run = Descent(SPACE, np.clip(SPACE.to_unit(SPACE.nominal), 0, 1), Watch(checkpoint=states.append), 3.0)
+    begun, anew = (
+        SPACE.to_unit([0.7, 0.15]),
+        partial(LeastSquares, reuse=0),
+    )  # slopes anew after each step, which is kept
+    run = Descent(SPACE, begun, Watch(checkpoint=states.append), 3.0, solver=anew)
     look = last_look(problem, problem)
     _held(run, look, 1, 0.5)
     assert not states
