@@ -130,3 +130,55 @@ def test_a_camera_that_is_not_late_is_left_as_it_is(tmp_path: Path) -> None:
     made = simulator(model, [d for d in propose(model, runs) if d.quantity in SOME])
     fit = calibrate(made, runs, options=Options(cross_validate=False))
     assert not about_sensors(made, fit)
+
+
+SWUNG = """
+<mujoco model="swung"><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+  <body><joint name="turn" axis="0 0 1" damping=".05"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
+    <site name="board" pos=".3 0 0"/></body></worldbody>
+  <actuator><position joint="turn" kp="{kp}" kv=".6"/></actuator>
+  <sensor><gyro name="rates" site="board"/><accelerometer name="forces" site="board"/></sensor></mujoco>
+"""
+
+
+def swung(seed: int, late: float) -> Recording:
+    """An arm told to turn, its encoder at 100 Hz, and a board at 200 Hz that tells `late` s after it was so."""
+    rng = np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(SWUNG.format(kp=22))
+    model.opt.timestep = 0.0005
+    data, time = mujoco.MjData(model), 0.01 * np.arange(500, dtype=np.float64)
+    goal = np.convolve(np.repeat(rng.uniform(-0.6, 0.6, 11), 50), np.ones(12) / 12)[: len(time)] * np.minimum(1.0, time)
+    states = []
+    for at in goal.repeat(20):
+        data.ctrl[0] = at
+        mujoco.mj_step(model, data)
+        states.append([data.qpos[0], *data.sensordata])
+    clock, seen = 0.0005 * np.arange(len(states), dtype=np.float64), np.array(states)
+    asked = 0.0021 + 0.005 * np.arange(990, dtype=np.float64)
+    board = np.stack([np.interp(asked - late, clock, column) for column in seen.T[1:]], axis=1)
+    board += rng.normal(0.0, np.repeat([0.005, 0.05], 3), board.shape)
+    angle = np.interp(time, clock, seen[:, 0]) + rng.normal(0.0, 2e-4, len(time))
+    return Recording(f"r{seed}", {
+        "command": Channel("command", ("turn",), "rad", time, goal),
+        "position": Channel("position", ("turn",), "rad", time, angle),
+        "rates": Channel("rates", tuple(f"rates.{a}" for a in "xyz"), "rad/s", asked, board[:, :3]),
+        "forces": Channel("forces", tuple(f"forces.{a}" for a in "xyz"), "m/s^2", asked, board[:, 3:]),
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("late", [0.008, -0.006])
+def test_a_board_that_tells_late_or_early_does_not_bend_the_drive_to_it(tmp_path: Path, late: float) -> None:
+    (tmp_path / "swung.xml").write_text(SWUNG.format(kp=30), encoding="utf-8")
+    model, runs = load(tmp_path / "swung.xml"), [swung(seed, late) for seed in (1, 2)]
+    lines = [d for d in propose(model, runs) if d.quantity in ("kp", "damping", "delay", "sensor_delay")]
+    made = MujocoSimulator(model, *declare(model, lines, {"channel": ("rates", "forces")}))
+    fit = calibrate(made, runs, options=Options(cross_validate=False))
+    found = {e.name: e for e in fit.estimates}
+    assert found["rates+forces.sensor_delay"].value == pytest.approx(late, abs=0.001)
+    assert found["delay"].value < 0.003
+    assert found["turn.kp"].value == pytest.approx(22.0, rel=0.03)
+    (note,) = about_sensors(made, fit)
+    assert (
+        f"tells {1e3 * abs(found['rates+forces.sensor_delay'].value):.3g} ms too {'late' if late > 0 else 'early'}"
+        in note
+    )

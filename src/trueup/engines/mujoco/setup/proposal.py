@@ -65,7 +65,9 @@ def propose(
     several = _pulled(model, recordings)
     pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
     lines = [*([Declaration("kp", stiff)] if (stiff := (*servos, *pulling)) else []), *_of_pulling(model, pulling)]
-    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos}) + _of_sensors(joints, recordings)
+    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos}) + _of_sensors(
+        model, joints, recordings
+    )
     lines += [
         Declaration("friction", leaders),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
@@ -91,10 +93,20 @@ def propose(
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
 
 
-def _of_sensors(joints: Sequence[str], recordings: Sequence[Recording]) -> list[Declaration]:
-    """How late joints are seen that were logged apart from the others: a camera's images come late, and clocks differ."""
+def _of_sensors(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> list[Declaration]:
+    """How late joints are seen that were logged apart from the others: a camera's images come late, and clocks differ. And
+    what inertial sensors tell beside encoders: they smooth it, and may have a clock of their own.
+    """
     apart = tuple(j for j in joints if j in seen_apart(recordings))
-    return [Declaration("joint_sensor_delay", apart, optional=OWN_SENSOR)] if apart else []
+    lines = [Declaration("joint_sensor_delay", apart, optional=OWN_SENSOR)] if apart else []
+    beside = {name for r in recordings if r.has("position") for name in r.channels}
+    mounted = dict[tuple[int, int], list[str]]()
+    for i, name in enumerate(model.names("sensor")):
+        if name in beside:
+            place = int(model.compiled.sensor_objtype[i]), int(model.compiled.sensor_objid[i])
+            mounted.setdefault(place, []).append(name)
+    groups = tuple("+".join(names) for names in mounted.values())
+    return lines + ([Declaration("sensor_delay", groups, lower=-0.1, optional=OWN_SENSOR)] if groups else [])
 
 
 def _as_seen(model: Model, lines: Sequence[Declaration], seen: Mapping[str, Drive]) -> list[Declaration]:

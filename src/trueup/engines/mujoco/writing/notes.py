@@ -219,14 +219,18 @@ def _by_the_gains(simulator: MujocoSimulator, values: Array) -> str:
 
 
 def about_sensors(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
-    """A note for each joint whose own sensor was found to be late, or early."""
+    """A note for each sensor of a joint's own, or of a body, that was found to be late, or early."""
     late = dict(zip(simulator.parameters.names, simulator.quantities, strict=True))
+    by = {
+        "joint_sensor_delay": "was logged by a sensor of its own, which",
+        "sensor_delay": "beside the joints' sensors",
+    }
     return tuple(
-        f"{', '.join(late[e.name].targets)} was logged by a sensor of its own, which tells {1e3 * abs(e.value):.3g} ms too "
+        f"{', '.join(late[e.name].targets)} {by[late[e.name].kind]} tells {1e3 * abs(e.value):.3g} ms too "
         f"{'late' if e.value > 0.0 else 'early'} ([{1e3 * e.low:.3g}, {1e3 * e.high:.3g}] ms): it is compared with what was "
         f"so then. To set the log itself right, add {-e.value:.3g} to time_offset of its channel in the mapping"
         for e in calibration.estimates
-        if e.fitted and e.value != 0.0 and e.name in late and late[e.name].kind == "joint_sensor_delay"
+        if e.fitted and e.value != 0.0 and e.name in late and late[e.name].kind in by
     )
 
 
