@@ -103,12 +103,3 @@ def test_tyres_that_slip_behind_are_found_where_they_do(tmp_path: Path, grip: fl
         assert found["grip"].value == pytest.approx(grip, rel=0.1)
     for side in ("steering_left", "steering_right"):
         assert found[side].value == pytest.approx(0.95, rel=0.04)
-
-
-def test_how_stiff_the_rear_tyres_are_is_asked_about_in_calm_curves_too(tmp_path: Path) -> None:
-    # Of a long truck they slip by as much as its pose would have to be tracked half a metre behind its axle.
-    (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = {WHEELBASE}\n")
-    ready = prepare(tmp_path / "car.toml", [driven(0.0, 0.95)])
-    asked = next(p for p in ready.simulator.parameters.parameters if p.name == "grip")
-    assert (asked.optional, asked.absent) == ("grip", 200.0)
-    assert not any(note.startswith("grip") for note in ready.notes)

@@ -36,7 +36,7 @@ from trueup.tracking.wheels import tells_way
 from trueup.tracking.windows import noise_of
 from trueup.trial import Trial
 
-_SLIPS = ("understeer", "grip")  # which calm curves tell of heavy or long vehicles, so that left-out drives are asked
+UNDERSTEER = "understeer"
 """Of cars in calm curves: it is small beside the play of a steering, and yet moves what a command of steering is worth."""
 
 FRONT = (
@@ -262,7 +262,7 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     # Nobody evens out wheels that are told one by one; what is told as a share is a motor's voltage.
     own = () if car.wheels is None else ("veer", "wheel_dead") if car.told_shares else ("veer",)
-    slips = [name for name in _SLIPS if name in calm and name not in car.values]
+    slips = [UNDERSTEER] if UNDERSTEER in calm and UNDERSTEER not in car.values else []
     free = [q.name for q in car.quantities if (q.free or q.name in own) and (q.name not in calm or q.name in slips)]
     space = _asked_about(car.space(free, look.starts(car), steers), slips)
     return VehicleSimulator(car, space), (*taken, *(why for name, why in calm.items() if name not in slips))
