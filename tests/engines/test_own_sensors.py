@@ -13,7 +13,8 @@ import pytest
 from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.proposal import OWN_SENSOR, propose
+from trueup.engines.mujoco.setup.own_sensors import OWN_SENSOR
+from trueup.engines.mujoco.setup.proposal import propose
 from trueup.engines.mujoco.writing.notes import about_sensors
 from trueup.inspection.scattered import gathered
 from trueup.loop.calibrate import Options, calibrate

@@ -15,11 +15,11 @@ from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base, of_what_touches
 from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
+from trueup.engines.mujoco.setup.own_sensors import of_sensors
 from trueup.engines.mujoco.setup.rotors import of_rotors
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.setup.tendons import leading, of_several_joints
 from trueup.engines.mujoco.wiring import is_motor, is_speed_servo
-from trueup.inspection.scattered import seen_apart
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
 from trueup.samples import MOST
@@ -33,8 +33,6 @@ FED_FORWARD = "speed fed forward"
 """Of servos: a command that leads along its own speed."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
-OWN_SENSOR = "delay of a sensor of its own"
-"""Of joints that were logged apart from the others."""
 _KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _SOFTER = 10.0  # times: as a spring may be, or stiffer, than the file says; bounds of the other drives are wider still
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing; torques that push one within 20 mrad tell its drive
@@ -65,9 +63,7 @@ def propose(
     several = _pulled(model, recordings)
     pulling = {a: k for a in several if model.is_position_servo(k := model.index("actuator", a))}
     lines = [*([Declaration("kp", stiff)] if (stiff := (*servos, *pulling)) else []), *_of_pulling(model, pulling)]
-    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos}) + _of_sensors(
-        model, joints, recordings
-    )
+    lines += _limits(model, recordings, leaders, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", leaders),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
@@ -76,7 +72,7 @@ def propose(
         Declaration("damping_quadratic", leaders, optional="quadratic damping"),
         *_of_springs(model, joints),
     ]
-    lines += [*_leads(servos), *_punches(model, servos)]
+    lines += [*_leads(servos), *_punches(model, servos), *of_sensors(model, joints, recordings)]
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, optional=LOAD))
     lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints)]
@@ -91,22 +87,6 @@ def propose(
     lines += [*of_the_base(model, recordings), *of_what_touches(model, recordings)]
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
-
-
-def _of_sensors(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> list[Declaration]:
-    """How late joints are seen that were logged apart from the others: a camera's images come late, and clocks differ. And
-    what inertial sensors tell beside encoders: they smooth it, and may have a clock of their own.
-    """
-    apart = tuple(j for j in joints if j in seen_apart(recordings))
-    lines = [Declaration("joint_sensor_delay", apart, optional=OWN_SENSOR)] if apart else []
-    beside = {name for r in recordings if r.has("position") for name in r.channels}
-    mounted = dict[tuple[int, int], list[str]]()
-    for i, name in enumerate(model.names("sensor")):
-        if name in beside:
-            place = int(model.compiled.sensor_objtype[i]), int(model.compiled.sensor_objid[i])
-            mounted.setdefault(place, []).append(name)
-    groups = tuple("+".join(names) for names in mounted.values())
-    return lines + ([Declaration("sensor_delay", groups, lower=-0.1, optional=OWN_SENSOR)] if groups else [])
 
 
 def _as_seen(model: Model, lines: Sequence[Declaration], seen: Mapping[str, Drive]) -> list[Declaration]:
