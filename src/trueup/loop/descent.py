@@ -231,7 +231,7 @@ class Descent:
         real = replace(last_look(look.real, look.problem), name=look.name)
         if not np.isfinite(self._residual(real.problem)).all():
             return None  # where the coarser step led, the real one fails
-        return replace(self, watch=self.watch.aside()).polish(real)
+        return replace(self, watch=Watch()).polish(real)
 
     def take_up(self, slopes: Array) -> None:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""

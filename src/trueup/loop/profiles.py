@@ -14,7 +14,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import explained
-from trueup.loop.descent import Descent, Fit, Look, last_look
+from trueup.loop.descent import Descent, Fit, Look, Watch, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
@@ -135,7 +135,7 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
         return _Held(place, np.array([place]), np.inf)
     there = descent.space.from_unit(np.where(np.arange(len(free)) == k, place, descent.point))
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
-    others = replace(descent, space=space, search=None, watch=descent.watch.aside())
+    others = replace(descent, space=space, search=None, watch=Watch())  # errors of a trial are no progress
     others.move(np.delete(descent.point, k))
     known = descent.search.jacobian if descent.search is not None else None
     if known is not None and known.shape == (look.problem.segments[-1].columns.stop, len(free)):
