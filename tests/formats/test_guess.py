@@ -282,3 +282,14 @@ def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path: Path, name: str)
         np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=f"{name},t,q1", comments="")
         found = {key.lower() for key in formats.guess_mapping(tmp_path / "log.csv").channels}
         assert found == channels - {"seq"}, "seq is a counter by its name"
+
+
+def test_a_controllers_name_before_a_joint_of_the_model_is_no_part_of_it(tmp_path: Path) -> None:
+    told = "/hand_controller/commands/thumb_abd,/arm_controller/commands/lift"
+    head = f"t,{told},/joint_states/thumb_abd/position,/joint_states/lift/position"
+    rows = [f"{0.01 * k},{0.1 * k},{0.2 * k},{0.1 * k},{0.2 * k}" for k in range(5)]
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows]))
+    channels = formats.guess_mapping(tmp_path / "log.csv", joints=("lift", "thumb_abd")).channels
+    assert {name: set(channel.labels) for name, channel in channels.items()} == {
+        "command": {"thumb_abd", "lift"}, "position": {"thumb_abd", "lift"}
+    }  # fmt: skip

@@ -40,6 +40,8 @@ _STAND_IN = "elbow"
 _RATES = frozenset(["dot", "ddot"])
 _ROLES = frozenset(joints.KINDS) | joints.ENCODERS | COMMANDED | SENT | MEASURED | {"d"}
 """Words that may stand before or behind a joint's name and say what of it was logged."""
+_CONTROLLERS = frozenset(["controller", "controllers"])
+"""Words behind the name of what tells drives, and before that of a drive."""
 _PLACES, _TURNS = frozenset("xyz"), frozenset(["roll", "pitch", "yaw"])
 _QUATERNION = frozenset(["qw", "qx", "qy", "qz"])
 
@@ -136,7 +138,9 @@ def _splits(column: Column, several: bool) -> Iterator[_Split]:
     plain = [word for i, word in enumerate(column.parts.words) if i not in column.parts.tail_words]
     file = joints.read(taken_apart(stem(column.table.name))) if several else None
     said = file is not None and bool(file.kind or file.command)
-    before = next((i for i, word in enumerate(plain) if word not in _ROLES), len(plain))
+    # What stands before that word names the controller, as in hand_controller/commands/thumb.
+    named = max((i + 1 for i, word in enumerate(plain[:-1]) if word in _CONTROLLERS), default=0)
+    before = next((i for i, word in enumerate(plain) if i >= named and word not in _ROLES), len(plain))
     behind = next((i for i, word in enumerate(plain[::-1]) if word not in _ROLES), len(plain))
     for i in range(before + 1):
         for j in range(len(plain) - behind, len(plain) + 1):
