@@ -160,7 +160,7 @@ def _weighed(
     named, joints, paths = args.mapping is not None, joint_names(args.model), [Path(path) for path in args.payload]
     known = mapping if rated is None else rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
     loaded, _ = recordings_in(paths, known, named=named, joints=joints)
-    _, (loaded, _), _ = matched(tree, (loaded, []), args.torque)
+    _, (loaded, _), _ = matched(tree, (loaded, []), args.torque, at_motors=drives.motor_positions)
     load = payload_inertial(args.payload_mass, args.payload_com)
     return drives_from_payload(tree, training, loaded, drives, load, cutoff=args.cutoff)
 

@@ -78,3 +78,16 @@ def test_drives_of_joints_that_are_locked_are_no_mistake(
     Path("drives.toml").write_text("[joints.elbo]\nratio = 50.0\n")
     assert main(command) == 1
     assert "joints are: base_yaw, elbow" in " ".join(capsys.readouterr().err.split()), "all joints are choices"
+
+
+def test_positions_without_a_unit_are_degrees_where_they_fit_the_ranges_only_so(arms: SimpleNamespace) -> None:
+    tree = arms.arm().replace(lower=np.full(4, -3.0), upper=np.full(4, 3.0))
+    made = arms.recording(tree, np.random.default_rng(3), seconds=4.0, size=1.0)
+    q = made.channel("position")
+    turned = made.with_channel(q.replace(unit="", values=np.degrees(q.values)))
+    _, ((log,), _), (said,) = matched(tree, ([turned], []))
+    np.testing.assert_allclose(log.channel("position").values, q.values)
+    assert "taken as degrees" in said
+    _, ((geared,), _), none = matched(tree, ([turned], []), at_motors=True)
+    np.testing.assert_allclose(geared.channel("position").values, np.degrees(q.values))
+    assert not none

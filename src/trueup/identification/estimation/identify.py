@@ -106,7 +106,8 @@ def identify(
     started, wanted, say = time.perf_counter(), options or Options(), _stage_reporter(told)
     _check_options(wanted, training)
     say("reading the logs")
-    tree, (training, held_out), told_by_names = matched(tree, (list(training), list(held_out)), wanted.torque)
+    groups, motors = (list(training), list(held_out)), drives is not None and drives.motor_positions
+    tree, (training, held_out), told_by_names = matched(tree, groups, wanted.torque, at_motors=motors)
     gears, rng = drives.only(tree.joints) if drives else Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
     warnings = [*told_by_names, *_minded(logs, judged, tree)]

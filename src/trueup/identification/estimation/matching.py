@@ -14,6 +14,7 @@ from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.joint_names import plain_name as plain_name
 from trueup.inspection.joint_names import sure_names
+from trueup.inspection.scales import Way, with_units
 from trueup.inspection.scattered import gathered
 from trueup.instant import STILL
 from trueup.recording import Recording
@@ -24,14 +25,15 @@ Groups = tuple[list[Recording], list[Recording]]
 
 
 def matched(
-    whole: KinematicTree, groups: Groups, torque: str = "", lock: Sequence[str] = ()
+    whole: KinematicTree, groups: Groups, torque: str = "", lock: Sequence[str] = (), *, at_motors: bool = False
 ) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
     """Recordings with the joints' names of the model, the tree with joints locked that no log has, or that are named in
     `lock`, and what was done.
 
     Columns that only count are those of all joints, also of those to be locked, or else of the others. Joints are found as
     `inspection.joint_names.sure_names` does, columns without names as `unnamed` does, the torque that is fitted as
-    `torque_choice` does, or the one that `torque` names. Raises UnknownNameError where no joint is found,
+    `torque_choice` does, or the one that `torque` names. Positions without a unit are in rad, or in degrees where they fit
+    the joints' ranges only so, unless they are `at_motors`. Raises UnknownNameError where no joint is found,
     IdentificationError where columns without names fit no joint, or it is open which torque was measured.
     """
     tree = whole.lock(lock)
@@ -60,9 +62,18 @@ def matched(
         [with_one_torque(_renamed(r, tree, changed), tree, "" if r.name in bare else torque) for r in group]
         for group in groups
     ]
-    training, held_out = ([r for r, _ in group] for group in one)
     notes += dict.fromkeys(note for group in one for _, note in group if note)
-    return tree, (training, held_out), tuple(notes)
+    every = [r for group in one for r, _ in group]
+    taken, said = (every, []) if at_motors else with_units(_ways(tree), every)
+    return tree, (taken[: len(one[0])], taken[len(one[0]) :]), (*notes, *said)
+
+
+def _ways(tree: KinematicTree) -> dict[str, Way]:
+    ends = np.stack([tree.lower, tree.upper], axis=1)
+    return {
+        joint: Way(bool(slides), (float(low), float(high)) if np.isfinite(low + high) else None)
+        for joint, slides, (low, high) in zip(tree.joints, tree.prismatic, ends, strict=True)
+    }
 
 
 def _elsewhere(groups: Groups, locked: Mapping[str, str]) -> list[str]:
