@@ -29,7 +29,7 @@ Settle = Callable[[Descent], None]
 _PLACES = np.linspace(0.04, 0.96, 16)
 """Shares of the range in which a structure is looked for."""
 _AROUND = np.linspace(-0.04, 0.04, 25)
-"""The same around where it was found, or is absent."""
+"""The same around where it was found."""
 
 
 def grown(
@@ -128,20 +128,13 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
             return before
 
 
-def _places(entering: Sequence[Parameter], alone: bool) -> Array:
-    """(P, n) shares of the ranges in which a structure of n parameters is looked for: each of two beside all of the other,
-    more of them together, as those of signals `alone`. What is absent amid its range (a clock, late or early) is looked for
-    near there, too.
+def _places(count: int) -> Array:
+    """(P, count or 1) shares of the ranges in which a structure of so many parameters is looked for: each of two beside all
+    of the other, more of them together.
     """
-    n, absent = len(entering), np.array([p.absent or 0.0 for p in entering])
-    lower, upper = np.array([p.lower for p in entering]), np.array([p.upper for p in entering])
-    if n == 2 and not alone:
-        places = np.stack(np.meshgrid(_PLACES[::2], _PLACES[::2]), axis=-1).reshape(-1, 2)
-    else:
-        places = np.repeat(_PLACES[:, None], n, axis=1)
-    if not all(p.scale == "linear" for p in entering) or not ((lower < absent) & (absent < upper)).all():
-        return places
-    return np.concatenate([places, (absent - lower) / (upper - lower) + _AROUND[:, None]])
+    if count == 2:
+        return np.stack(np.meshgrid(_PLACES[::2], _PLACES[::2]), axis=-1).reshape(-1, 2)
+    return _PLACES[:, None]
 
 
 def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list[Part]:
@@ -175,7 +168,8 @@ def _entered(
     """
     space = ParameterSpace(tuple(declared.get(p.name, p) for p in descent.space.parameters))
     free = [p.name for p in space.parameters if not p.frozen]
-    entering, point = np.array([name in declared for name in free]), np.full(len(free), 0.5)
+    entering = np.array([name in declared for name in free])
+    point = np.full(len(free), 0.5)
     point[~entering] = without.unit
     parts = _parts(look, space, point, alone)
     offset = np.zeros(len(without.residual))
@@ -193,8 +187,7 @@ def _entered(
 
     begun = [np.clip(space.to_unit(values), 0.0, 1.0) for values in early]
     bases = ((point, near), *((np.where(entering, point, unit), far) for unit in begun))
-    places = _places([space[name] for name in free if name in declared], alone)
-    worth, found = look.problem.chance(without.residual), []
+    places, worth, found = _places(1 if alone else int(entering.sum())), look.problem.chance(without.residual), []
     for k, (base, loss) in enumerate(bases):
         if found and (alone or k > 1):
             break  # alone, signals settle by themselves: one way in is enough
@@ -208,7 +201,7 @@ def _entered(
             if len(own) and min(losses) < loss(part, absent) - worth * len(own):
                 place[own], gained[own] = rows[int(np.argmin(losses)), own], True
         if gained.any():
-            found.append(_thawed(descent, space, declared, place, {free[i] for i in np.flatnonzero(gained)}))
+            found.append(_thawed(descent, space, declared, place, {n for n, g in zip(free, gained, strict=True) if g}))
     return found
 
 

@@ -230,7 +230,7 @@ def about_sensors(simulator: MujocoSimulator, calibration: Calibration) -> tuple
         f"{'late' if e.value > 0.0 else 'early'} ([{1e3 * e.low:.3g}, {1e3 * e.high:.3g}] ms): it is compared with what was "
         f"so then. To set the log itself right, add {-e.value:.3g} to time_offset of its channel in the mapping"
         for e in calibration.estimates
-        if e.fitted and e.value != 0.0 and e.name in late and late[e.name].kind in by
+        if e.fitted and e.low * e.high > 0.0 and e.name in late and late[e.name].kind in by
     )
 
 
