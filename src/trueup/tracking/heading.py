@@ -22,9 +22,7 @@ _QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
 WAY = 0.05  # m at least between the poses that show a direction of motion, or a jump
 SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
-_BLOCK = 2.0  # times that lasts a block of moves: those of another hardly tell what it does
-_FINER = 2.0 ** (1.0 / 8.0)
-_SCALES = tuple(_FINER**k for k in range(-8, 9))
+_SCALES = np.geomspace(0.5, 2.0, 17)
 """Of a turn rate: wheels that skid turn a robot half as much as they would where they roll, or less."""
 
 
@@ -115,7 +113,7 @@ def _scale_of(time: Array, went: NDArray[np.complex128], mean: Array, turned: Ar
     gyroscope, unless they agree clearly better on another, as on that of wheels that skid in every turn.
     """
     moves, lasts = (time, went, mean, turned, forward), time[-1] - time[0]
-    count = min(max(lasts / (_BLOCK * _FADES), FEWEST_PARTS), lasts / _FADES)
+    count = min(max(lasts / (2.0 * _FADES), FEWEST_PARTS), lasts / _FADES)
     block = ((time - time[0]) / max(lasts, TINY) * int(count)).astype(np.int64)
     index = np.unique(block[np.abs(went) > 0.0], return_inverse=True)[1]
 
@@ -123,8 +121,9 @@ def _scale_of(time: Array, went: NDArray[np.complex128], mean: Array, turned: Ar
         return np.asarray(np.bincount(index, 1.0 - _agreeing(scale, *moves)[0]), dtype=np.float64)
 
     usual = min((1.0, -1.0), key=lambda s: apart(s).sum())
-    rough = min((*_SCALES, *(-s for s in _SCALES)), key=lambda s: apart(s).sum())
-    best = min((rough * _FINER**k for k in np.linspace(-1.0, 1.0, 17).tolist()), key=lambda s: apart(s).sum())
+    rough = min((*_SCALES.tolist(), *(-_SCALES).tolist()), key=lambda s: apart(s).sum())
+    finer = np.geomspace(_SCALES[0], _SCALES[1], 9) / _SCALES[0]
+    best = min((rough * k for k in (*finer.tolist(), *(1.0 / finer).tolist())), key=lambda s: apart(s).sum())
     without, with_it = apart(usual), apart(best)
     sure = len(without) >= FEWEST_PARTS and evidence(without, with_it, without + with_it).holds
     return best if sure else usual
