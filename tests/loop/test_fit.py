@@ -104,11 +104,8 @@ def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(se
 def test_a_trial_is_not_kept_as_where_an_interrupted_search_goes_on(formula: Make) -> None:
     states: list[dict[str, Any]] = []
     problem = problem_of(formula(ridge, SPACE))
-    begun, anew = (
-        SPACE.to_unit([0.7, 0.15]),
-        partial(LeastSquares, reuse=0),
-    )  # slopes anew after each step, which is kept
-    run = Descent(SPACE, begun, Watch(checkpoint=states.append), 3.0, solver=anew)
+    anew = partial(LeastSquares, reuse=0)  # slopes anew after each step, which is kept
+    run = Descent(SPACE, SPACE.to_unit([0.7, 0.15]), Watch(checkpoint=states.append), 3.0, solver=anew)
     look = last_look(problem, problem)
     _held(run, look, 1, 0.5)
     assert not states

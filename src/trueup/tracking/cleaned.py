@@ -19,7 +19,7 @@ from trueup.tracking.heading import backing, course, heading_of, samples_in, tol
 from trueup.tracking.joined import end_to_end, joined, notes_on_jumps, sudden, there_and_back
 from trueup.tracking.place import fresh, place_of, tells_place
 from trueup.tracking.reversing import as_heading, driven_back
-from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source, sense_of
+from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 from trueup.units import GRAVITY
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
@@ -52,10 +52,9 @@ def cleaned(
     said in the provenance's warnings. Raises RecordingError without pose or command.
     """
     position, heading, measured, good, jumps, notes = _tracked(recording)
-    missing = "no heading was recorded"
-    shared = (headings or {}).get(heading_source(recording))
-    if heading is not None and sense_of(position, heading, good, shared).contradicted:
-        heading, missing = None, _ELSEWHERE
+    missing, turned = "no heading was recorded" if heading is None else _ELSEWHERE, list[str]()
+    if heading is not None:
+        heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
     if heading is None:
         notes += [*_lost(measured & ~good), *notes_on_jumps(position, jumps)]
         back = driven_back(recording, position)
@@ -66,7 +65,6 @@ def cleaned(
         heading = heading or course(position, good, back)
         good &= np.isfinite(heading.values[:, 0])
     else:
-        heading, turned = aligned(position, heading, good, shared)
         every, away = there_and_back(position, sorted({*jumps, *sudden(position, heading, good)}))
         position, heading = joined(position, heading, every)
         good &= ~away

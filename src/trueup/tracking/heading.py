@@ -141,7 +141,7 @@ def _agreeing(
 
 def _zero_of(time: Array, went: NDArray[np.complex128], swung: Array) -> tuple[Array, NDArray[np.complex128]]:
     """How well each (M,) of the moves of a point (T,), complex in m and 0 where none, seen from the mean angle of a gyroscope
-        between their ends, agrees with those before it on its zero (at best 1), and sums (T,) whose argument that is. `swung`
+    between their ends, agrees with those before it on its zero (at best 1), and sums (T,) whose argument that is. `swung`
     (T,) is how far a point a metre ahead of the axle moves to the left by the turn alone.
 
     A lever arm says which part of each move goes across, and so the zero; what then goes across, regressed on the turn, is

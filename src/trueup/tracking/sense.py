@@ -157,19 +157,19 @@ class Sense:
         return _snapped(self.zero + _wrapped(own - self.zero, np.pi))
 
 
-def sense_of(position: Channel, heading: Channel, good: Mask, shared: Sense | None = None) -> Sense:
-    """What recordings logged alike show together (`shared`), without that what this one shows alone."""
-    return shared or Sense.of([Moves.of(position, heading, good)])
-
-
-def aligned(position: Channel, heading: Channel, good: Mask, shared: Sense | None = None) -> tuple[Channel, list[str]]:
-    """The heading in the sense and from the zero of the way driven (x forward, growing to the left), and notes.
+def aligned(
+    position: Channel, heading: Channel, good: Mask, shared: Sense | None = None
+) -> tuple[Channel | None, list[str]]:
+    """The heading in the sense and from the zero of the way driven (x forward, growing to the left), and notes; None where
+    the way goes along it in neither sense.
 
     `shared` is what recordings logged alike show together; without, this one is asked alone. Unchanged where both agree
     within _WITHIN, or where the way says nothing clear.
     """
     moves = Moves.of(position, heading, good)
     sense = shared or Sense.of([moves])
+    if sense.contradicted:
+        return None, []
     zero, notes = sense.zero_of(moves), []
     if shared is not None and _clearer([moves], -sense.sign, None):
         here, there = ("right", "left") if sense.sign > 0.0 else ("left", "right")
