@@ -199,3 +199,20 @@ def test_the_friction_of_a_floor_counts_against_that_of_the_feet(
     assert _slowed(simulated_model(simulator, [floor])) == pytest.approx(floor, rel=0.1)
     write_model(simulator, [floor], tmp_path / "found.xml")
     assert _slowed(mujoco.MjModel.from_xml_path(str(tmp_path / "found.xml"))) == pytest.approx(floor, rel=0.1)
+
+
+def test_a_floor_without_a_name_is_written(tmp_path: Path) -> None:
+    named = _PUCK.format(friction=0.8, priority="")
+    nameless = named.replace(' name="floor"', "").replace(
+        "<worldbody>", '<worldbody><geom type="sphere" size=".1" pos="2 0 1"/>'
+    )
+    assert nameless.count("name") == named.count("name") - 1
+    (tmp_path / "puck.xml").write_text(nameless, encoding="utf-8")
+    model = load(tmp_path / "puck.xml")
+    simulator = MujocoSimulator(model, *declare(model, [Declaration("floor_friction")]), step=0.001)
+    for friction in (
+        0.3,
+        *simulator.parameters.nominal,
+    ):  # one that was kept is still to count against that of the feet
+        write_model(simulator, [friction], tmp_path / "found.xml")
+        assert _slowed(mujoco.MjModel.from_xml_path(str(tmp_path / "found.xml"))) == pytest.approx(friction, rel=0.1)

@@ -67,7 +67,7 @@ def test_contacts_that_are_softer_than_their_file_are_named_with_their_time_cons
 
 
 @pytest.mark.parametrize(("height", "asked"), [(0.3, True), (0.9, False)])
-def test_softness_is_asked_for_where_the_measured_foot_reaches_the_floor(
+def test_softness_and_sliding_are_asked_for_where_the_measured_foot_reaches_the_floor(
     tmp_path: Path, height: float, asked: bool
 ) -> None:
     file, runs = hops(tmp_path, HOPPER.format(**FILE), seconds=0.3 if height > 0.5 else 1.0)
@@ -75,6 +75,7 @@ def test_softness_is_asked_for_where_the_measured_foot_reaches_the_floor(
     space = prepare(file, runs).simulator.parameters
     assert ("contact_softness" in space.names) == asked
     assert not asked or space["contact_softness"].optional == CONTACTS
+    assert ("floor_friction" in space.names) == asked
 
 
 @pytest.mark.parametrize("named", [True, False])

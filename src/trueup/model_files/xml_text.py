@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -40,6 +40,13 @@ class Element:
         for child in self.children:
             yield from child.walk()
 
+    def outside(self, tag: str) -> Iterator[Element]:
+        """This element and all below it, in order, but for those of that tag and what is below these."""
+        yield self
+        for child in self.children:
+            if child.tag != tag:
+                yield from child.outside(tag)
+
 
 class XmlText:
     """A parsed model file that can be written back with a few attributes changed. Raises ModelError for broken XML."""
@@ -61,6 +68,11 @@ class XmlText:
     def all(self, tag: str) -> list[Element]:
         """Every element of that tag."""
         return [e for e in self.root.walk() if e.tag == tag]
+
+    def of_world(self, tag: str) -> list[Element]:
+        """Elements of that tag which hang on the world of an MJCF itself, in no body, in their order."""
+        inside = [e for part in self.root.children if part.tag == "worldbody" for e in part.outside("body")]
+        return [e for e in inside if e.tag == tag]
 
     def change(self, element: Element, **attributes: str | None) -> None:
         """Sets attributes of one element; None takes one away."""
@@ -151,6 +163,16 @@ class XmlText:
 def tag(name: str, attributes: Mapping[str, str | None]) -> str:
     """An element without children, as a line; attributes that are None are not in it."""
     return f"<{name} " + " ".join(f"{k}={quoteattr(v)}" for k, v in attributes.items() if v is not None) + "/>"
+
+
+def number(value: float, digits: int = 9) -> str:
+    """A value as MJCF holds it."""
+    return format(float(value), f".{digits}g")
+
+
+def numbers(values: Iterable[float], digits: int = 9) -> str:
+    """Values as MJCF holds them."""
+    return " ".join(number(v, digits) for v in values)
 
 
 def with_includes(content: bytes, folder: Path) -> bytes:

@@ -12,7 +12,7 @@ from trueup.arrays import Array
 from trueup.articulated.pose import product
 
 FLOOR = "calibrated_floor"
-"""Name of the plane that is added to a model without one."""
+"""Name of the plane that is added to a model without one, and of a model's own that has no name."""
 FLOOR_FRICTION = 0.3
 """Sliding friction of an added floor before it is calibrated: plastic on wood or lacquer."""
 
@@ -66,7 +66,7 @@ def contact_with(compiled: mujoco.MjModel, plane: int) -> Contact:
 
 def rule(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
     """Has the friction of the plane count in its contacts, which stay as they were: where the feet have some of their own, as
-    much as the plane or more, a smaller one of the plane would change nothing.
+    much as the plane or more, a smaller one of the plane would change nothing. A plane without a name gets one.
     """
     plane = plane_of(compiled)
     if rules(compiled, plane):
@@ -75,6 +75,7 @@ def rule(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
     highest = max(int(compiled.geom_priority[g]) for g in _touching(compiled, plane))
     geom.priority, geom.friction, geom.condim = highest + 1, contact.friction, contact.condim
     geom.solref, geom.solimp = contact.solref, contact.solimp
+    geom.name = geom.name or FLOOR
 
 
 def rules(m: mujoco.MjModel, plane: int) -> bool:

@@ -50,16 +50,16 @@ def of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declarati
 
 
 def of_what_touches(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
-    """Of a robot on a rail or boom that reaches the model's floor as it was measured: how soft its contacts are. A file's
-    time constant is seldom more than MuJoCo's own, and gains, friction and rotors make up for it where nobody asks.
+    """Of a robot on a rail or boom that reaches the model's floor as it was measured: how its feet slide, and how soft its
+    contacts are. A leg that squats there slides its foot with as much force as it carries: with 1 in place of a true 0.8
+    gains, rotors and damping made up for it. A file's time constant is seldom more than MuJoCo's own, and they do so, too.
     """
-    lines = of_contacts(model)
-    if not lines or free_joint(model.compiled) >= 0 or plane_of(model.compiled) < 0:
+    if free_joint(model.compiled) >= 0 or plane_of(model.compiled) < 0:
         return []
     reach = Reach(model)
     if not reach.clouds or not any(_touches(reach, r) for r in recordings):
         return []
-    return [replace(line, optional=CONTACTS) for line in lines]
+    return [Declaration("floor_friction"), *(replace(line, optional=CONTACTS) for line in of_contacts(model))]
 
 
 def _touches(reach: Reach, recording: Recording) -> bool:

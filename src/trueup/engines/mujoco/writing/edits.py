@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
@@ -18,7 +18,7 @@ from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import SETTING, Model
 from trueup.errors import ModelError
-from trueup.model_files.xml_text import Element, XmlText, tag
+from trueup.model_files.xml_text import Element, XmlText, number, numbers, tag
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 _ROTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
@@ -215,12 +215,12 @@ class Edits:
             new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
                    "contype": "1", "conaffinity": "1", **lies}  # fmt: skip
             self._text.insert_first(self._text.all("worldbody")[0], tag("geom", new))
-        elif not name:
-            raise ModelError("the floor of this model is a plane without a name; give it one to have it calibrated")
-        elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
+        elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction", "geom_priority"):
             rules = [k for k in ("priority", "condim", "solref", "solimp") if not self._same("geom", name, f"geom_{k}")]
             ruled = {k: numbers(np.atleast_1d(getattr(m, f"geom_{k}")[g])) for k in rules}
-            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **lies, **ruled})
+            self._text.change(
+                self._element("geom", name), name=name or None, **{**dict.fromkeys(_ROTATIONS), **lies, **ruled}
+            )
 
     def copied(self, family: str, field: str, attribute: str, name: str) -> None:
         """A field of MuJoCo's that an attribute of the element holds as it is."""
@@ -230,10 +230,17 @@ class Edits:
 
     def _element(self, family: str, name: str) -> Element:
         section = "actuator" if family == "actuator" else "worldbody"
-        found = self._text.named(section, name, _TAGS[family])
+        found = self._text.named(section, name, _TAGS[family]) or (self._plane(name) if family == "geom" else None)
         if found is None:
             raise ModelError(f"{family} '{name}' is not written in this file itself")
         return found
+
+    def _plane(self, name: str) -> Element | None:
+        """The floor of that name, where the file gives it none: by its place among the geoms of the world."""
+        m, g = self._shipped, plane_of(self._shipped)
+        if g < 0 or m.geom(g).name or name != self._wanted.geom(plane_of(self._wanted)).name:
+            return None
+        return next(iter(self._text.of_world("geom")[int(np.sum(m.geom_bodyid[:g] == 0)) :]), None)
 
     def _same(self, family: str, name: str, *fields: str) -> bool:
         pairs = ((read(self._wanted, family, name, f), self._there(family, name, f)) for f in fields)
@@ -287,13 +294,3 @@ def read(model: mujoco.MjModel, family: str, name: str, field: str) -> Array:
     of_joint = {"dof": model.jnt_dofadr, "qpos": model.jnt_qposadr}.get(field.partition("_")[0])
     at = i if of_joint is None else int(of_joint[i])
     return np.atleast_1d(np.array(getattr(model, field)[at], dtype=np.float64))
-
-
-def number(value: float, digits: int = 9) -> str:
-    """A value as MJCF holds it."""
-    return format(float(value), f".{digits}g")
-
-
-def numbers(values: Sequence[float] | Array, digits: int = 9) -> str:
-    """Values as MJCF holds them."""
-    return " ".join(number(v, digits) for v in values)

@@ -23,11 +23,11 @@ from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.writing.edits import Edits, numbers, read
+from trueup.engines.mujoco.writing.edits import Edits, read
 from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of, punches_of
 from trueup.errors import ModelError, OutputError
 from trueup.model_files.references import relocate
-from trueup.model_files.xml_text import XmlText, with_includes
+from trueup.model_files.xml_text import XmlText, numbers, with_includes
 from trueup.rounding import NEGLIGIBLE, PRINTED
 
 _FIELDS = {
