@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+from scipy.linalg import qr
 
 from trueup.arrays import Array
 from trueup.loop.descent import Fit
@@ -49,8 +50,10 @@ def _verdict(
 def unseen_directions(fit: Fit, covariance: Array, told: Collection[str] = ()) -> list[str]:
     """Sentences on combinations that the recordings do not see: what can be traded for what without a trace.
 
-    What has no effect stands by itself: any mixture of two such would do, and none says anything. Parameters that are `told`
-    otherwise (limits) are left to the words beside them.
+    What has no effect stands by itself: any mixture of two such would do, and none says anything. So it is with directions of
+    which all mixtures are unseen: each is told by a parameter that no other one of them moves (a reduced basis of a null
+    space; G. H. Golub and C. F. Van Loan, Matrix Computations, 2013, 5.4). Parameters that are `told` otherwise (limits) are
+    left to the words beside them.
     """
     every = [p for p in fit.space.parameters if not p.frozen]
     here = np.array([p.name not in told for p in every], dtype=bool)
@@ -59,13 +62,21 @@ def unseen_directions(fit: Fit, covariance: Array, told: Collection[str] = ()) -
     variances, directions = np.linalg.eigh(covariance[np.ix_(some, some)])
     slopes = fit.space.unit_slope(fit.values)[some]
     sentences = [_sentence([p], np.ones(1), np.ones(1)) for p, left in zip(every, here & ~some, strict=True) if left]
-    for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
-        if not vague(max(variance, 0.0) ** 0.5):
-            break
+    unseen = directions[:, [vague(max(variance, 0.0) ** 0.5) for variance in variances]]
+    for direction in _apart(unseen).T:
         chief = np.flatnonzero(np.abs(direction) > 0.35 * np.abs(direction).max())
         chief = chief[np.argsort(-np.abs(direction[chief]))][:4]
         sentences.append(_sentence([free[i] for i in chief], direction[chief], slopes[chief]))
-    return sentences
+    return list(dict.fromkeys(sentences))
+
+
+def _apart(directions: Array) -> Array:
+    """(n, k) directions of the same space as orthonormal ones (n, k), each of which alone moves a parameter of its own."""
+    count = directions.shape[1]
+    if count == 0:
+        return directions
+    own = qr(directions.T, mode="r", pivoting=True)[1][:count]
+    return np.asarray(np.linalg.solve(directions[own].T, directions.T).T, dtype=np.float64)
 
 
 def _sentence(parameters: list[Parameter], direction: Array, slopes: Array) -> str:
@@ -76,13 +87,12 @@ def _sentence(parameters: list[Parameter], direction: Array, slopes: Array) -> s
     if len(parameters) == 2:
         a, b = parameters
         opposed = direction[0] * direction[1] < 0
+        factor = abs(direction[0] * slopes[0]) / max(abs(direction[1] * slopes[1]), TINY)
         if a.scale == b.scale == "log":
-            power = abs(direction[0] * slopes[0] * b.nominal) / max(abs(direction[1] * slopes[1] * a.nominal), TINY)
             what = "product" if opposed else "ratio"
-            if a.unit == b.unit and 0.3 < power < 3:
+            if a.unit == b.unit and 0.3 < factor < 3:
                 what = "sum" if opposed else "difference"
             return f"only the {what} of {names[0]} and {names[1]} is seen by these recordings.{advice}"
-        factor = abs(direction[0] * slopes[0]) / max(abs(direction[1] * slopes[1]), TINY)
         sign = "+" if opposed else "-"
         return f"only the combination {names[0]} {sign} {factor:.2g} x {names[1]} is seen by these recordings.{advice}"
     return f"{', '.join(names[:-1])} and {names[-1]} can be traded for one another without a trace.{advice}"
