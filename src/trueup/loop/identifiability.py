@@ -75,7 +75,8 @@ def _apart(directions: Array) -> Array:
     count = directions.shape[1]
     if count == 0:
         return directions
-    own = qr(directions.T, mode="r", pivoting=True)[1][:count]
+    *_, order = qr(directions.T, mode="r", pivoting=True)
+    own = order[:count]
     return np.asarray(np.linalg.solve(directions[own].T, directions.T).T, dtype=np.float64)
 
 
