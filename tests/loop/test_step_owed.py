@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from trueup.loop.calibrate import Options
+from trueup.loop.considered import STEP, Considered
 from trueup.loop.descent import Fit
 from trueup.loop.prepare import prepare
 from trueup.loop.problem import Problem
-from trueup.loop.ties import STEP, Considered, considered
+from trueup.loop.ties import considered
 from trueup.recording import Channel, Recording
 
 SWING = """

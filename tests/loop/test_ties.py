@@ -12,9 +12,9 @@ import pytest
 from trueup.calibration import Calibration, Estimate
 from trueup.loop.belief import Belief
 from trueup.loop.calibrate import Options
+from trueup.loop.considered import Considered
 from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
-from trueup.loop.ties import Considered
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial

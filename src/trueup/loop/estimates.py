@@ -12,13 +12,13 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Estimate
 from trueup.evidence import HALVED, half_interval
+from trueup.loop.considered import STEP, Considered
 from trueup.loop.fit import Fit
 from trueup.loop.identifiability import verdicts
 from trueup.loop.limits import Seen, is_limit
 from trueup.loop.missing import Missing
 from trueup.loop.rivals import SAME
 from trueup.loop.selection import Choice
-from trueup.loop.ties import STEP, Considered
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.samples import MOST
@@ -107,8 +107,11 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int, p: Param
     # The error of a step is no draw about zero: the whole of it comes on top of what is drawn.
     down, up = np.array([down, up]) + np.sum(reaches[steps], axis=0)
     width = e.high - e.low
+    unresolved = next((o for o in others if o.unresolved), None)
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
     ruled = width < HALVED * (wide.high - wide.low) or (_rough(wide, p) is not None and _rough(e, p) is None)
+    if e.verdict in ("identified", "weak") and unresolved is not None:
+        return replace(wide, verdict=unresolved.verdict, note=unresolved.words(e, 0.0))
     if e.verdict not in ("identified", "weak") or not ruled:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
