@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.articulated.attitude import smoothed_attitude
+from trueup.articulated.attitude import attitude, by_tilt, smoothed_attitude
 from trueup.articulated.pose import angles_of, turning, up_of
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
@@ -103,6 +103,44 @@ def test_where_the_base_was_is_told_by_its_feet(walked: tuple[Path, Recording], 
     assert np.sqrt(np.mean((found.channel("base_orientation").values - angles)[:, :2] ** 2)) < 0.02
     assert any("its pose is reckoned from" in str(n) for n in ready.notes)
     assert not any("held in the air" in str(n) for n in ready.notes)
+
+
+def test_roll_and_pitch_alone_tell_where_the_base_was_and_are_compared(walked: tuple[Path, Recording]) -> None:
+    path, recording = walked
+    turned = recording.channel("base_orientation")
+    tilt = Channel("imu", ("roll", "pitch"), "rad", turned.time, angles_of(turned.values)[:, :2])
+    for name in ("base_position", "base_orientation", *_TURNING):
+        recording = recording.without(name)
+    ready = prepare(path, [recording.with_channel(tilt)], propose=False)
+    (found,) = ready.recordings
+    truth = walked[1].channel("base_position").values
+    assert np.sqrt(np.mean((found.channel("base_position").values[:, 2] - truth[:, 2]) ** 2)) < 3e-3
+    assert any("'imu'" in str(n) and "taken not to change" in str(n) for n in ready.notes)
+    assert set(ready.simulator.observable(found)) == {"position", "base_orientation"}
+    problem = with_start_errors(Problem(ready.simulator, ready.recordings, Weighted({})), np.zeros(0))
+    assert set(problem.trials[0].initial_sd) == {"base_position"}
+    (whole,) = replays(ready.simulator, np.zeros(0), (), [found], channels=["position"], windows=np.inf)
+    hanging = _blind(walked, ("base_position", "base_orientation"), ["feet"])
+    (other,) = replays(hanging.simulator, np.zeros(0), (), hanging.recordings, channels=["position"], windows=np.inf)
+    assert _rms(whole.after - whole.measured) < 0.2 * _rms(other.after - other.measured)
+
+
+def test_a_gyro_tells_the_heading_beside_roll_and_pitch(walked: tuple[Path, Recording]) -> None:
+    _, recording = walked
+    turned = recording.channel("base_orientation")
+    angles = angles_of(turned.values)
+    rates = turning(angles, np.gradient(angles, turned.time, axis=0))
+    tilt = Channel("imu", ("roll", "pitch"), "rad", turned.time, angles[:, :2])
+    logged = Recording("trot", {"imu": tilt, "gyro": Channel("gyro", ("x", "y", "z"), "rad/s", turned.time, rates)})
+    assert attitude(logged) is None
+    found = by_tilt(logged)
+    assert found is not None
+    assert found[1] == ("'imu'", "'gyro'")
+    assert _rms(found[0].values[:, 2] - (angles[:, 2] - angles[0, 2])) < 0.02
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.nanmean(errors**2)))
 
 
 def test_positions_that_are_a_whole_state_are_parted_into_the_base_and_joints(walked: tuple[Path, Recording]) -> None:

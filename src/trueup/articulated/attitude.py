@@ -13,6 +13,7 @@ from trueup.articulated.pose import (
     ORIENTATION,
     QUATERNION,
     angles_of,
+    headed,
     product,
     quaternion_of,
     quaternions_of_vectors,
@@ -68,21 +69,50 @@ def by_gravity(recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
         n: c for n, c in recording.channels.items() if tuple(sorted(c.labels)) == AXES and np.isfinite(c.values).all()
     }
     shown = [name for name in wanted if "gravity" in words(name)]
-    gyros = [name for name, c in wanted.items() if c.unit == "rad/s" and is_gyro(name)]
-    if len(shown) != 1 or len(gyros) != 1:
+    gyro = _gyro_of(recording)
+    if len(shown) != 1 or gyro is None:
         return None
-    gravity, gyro = (wanted[name].select(AXES) for name in (*shown, *gyros))
+    gravity = wanted[shown[0]].select(AXES)
     up = -gravity.values / np.maximum(np.linalg.norm(gravity.values, axis=1, keepdims=True), TINY)
     up *= np.sign(np.median(up[:, 2]))  # some log what holds it up
     if np.median(up[:, 2]) < np.cos(TILT):
         return None
-    rates = between(gravity.time, gyro.time, _from_rest(gyro.time, gyro.values)[0])
     angles = np.stack(
         [np.arctan2(up[:, 1], up[:, 2]), -np.arcsin(np.clip(up[:, 0], -1.0, 1.0)), np.zeros(len(up))], axis=1
     )
+    told = Channel(ORIENTATION, ANGLES, "rad", gravity.time, angles)
+    return _headed_by(told, gyro), (f"'{shown[0]}'", f"'{gyro.name}'")
+
+
+def by_tilt(recording: Recording) -> tuple[Channel, tuple[str, ...]] | None:
+    """Roll, pitch and yaw where an inertial unit tells roll and pitch alone: yaw is by a gyro in rad/s from 0 on, NaN where
+    there is none. And what told them. None where no tilt is told, or several are.
+    """
+    told = _upright_ones(recording, {"roll", "pitch"})
+    if len(told) != 1:
+        return None
+    gyro, tilt = _gyro_of(recording), told[0].replace(name=ORIENTATION)
+    if gyro is None or not np.isfinite(tilt.values[:, :2]).all():
+        return tilt, (f"'{told[0].name}'",)
+    return _headed_by(tilt, gyro), (f"'{told[0].name}'", f"'{gyro.name}'")
+
+
+def _gyro_of(recording: Recording) -> Channel | None:
+    """The only gyro in rad/s that has no gaps, its axes in their order."""
+    found = [
+        c for name, c in recording.channels.items()
+        if tuple(sorted(c.labels)) == AXES and c.unit == "rad/s" and is_gyro(name) and np.isfinite(c.values).all()
+    ]  # fmt: skip
+    return found[0].select(AXES) if len(found) == 1 else None
+
+
+def _headed_by(tilt: Channel, gyro: Channel) -> Channel:
+    """Roll and pitch (T, 3) with yaw by what a gyro turns, from 0 on."""
+    rates = between(tilt.time, gyro.time, _from_rest(gyro.time, gyro.values)[0])
+    angles = headed(tilt.values)
     turns = rates_of(angles, rates)[:, 2]
-    angles[1:, 2] = np.cumsum(0.5 * (turns[1:] + turns[:-1]) * np.diff(gravity.time))
-    return Channel(ORIENTATION, ANGLES, "rad", gravity.time, unwound(angles)), (f"'{shown[0]}'", f"'{gyros[0]}'")
+    angles[1:, 2] = np.cumsum(0.5 * (turns[1:] + turns[:-1]) * np.diff(tilt.time))
+    return tilt.replace(values=unwound(angles))
 
 
 def _from_rest(time: Array, rates: Array) -> tuple[Array, Mask]:
@@ -146,9 +176,16 @@ def attitude(recording: Recording) -> Channel | None:
     """How the robot was turned, as an inertial unit, or whatever is on its base, says under another name than
     `base_orientation`: a quaternion, or roll, pitch and yaw, upright in the median. None where nothing, or several, do.
     """
+    upright = _upright_ones(recording, set(ANGLES))  # a unit that is mounted otherwise says more
+    return upright[0] if len(upright) == 1 else None
+
+
+def _upright_ones(recording: Recording, wanted: set[str]) -> list[Channel]:
+    """What says how the base was turned in all angles that are `wanted`, and in no other, upright in the median."""
     found = list[Channel]()
     alone = [recording.channels.get(f"q{axis}") for axis in QUATERNION]
-    if all(c is not None and c.values.shape[1] == 1 for c in alone):  # four channels that are named by their axes alone
+    single = all(c is not None and c.values.shape[1] == 1 for c in alone)  # four channels, named by their axes alone
+    if single and wanted == set(ANGLES):
         first, *more = [c for c in alone if c is not None]
         if all(np.array_equal(c.time, first.time) for c in more):
             values = np.hstack([first.values, *(c.values for c in more)])
@@ -157,26 +194,29 @@ def attitude(recording: Recording) -> Channel | None:
         plain = set(words(name)) - {"deg", "rad"}
         of_base = "imu" in plain or any(plain & source for source in SOURCES) or plain <= _TURNS
         if of_base and not plain & (OTHERS - {"imu"}):
-            found += _as_turns(channel)
-    upright = [c for c in found if _up(c) > np.cos(TILT)]  # a unit that is mounted otherwise says more
-    return upright[0] if len(upright) == 1 else None
+            found += _as_turns(channel, wanted)
+    return [c for c in found if _up(c) > np.cos(TILT)]
 
 
-def _as_turns(channel: Channel) -> list[Channel]:
-    """A channel as a quaternion w, x, y, z, or roll, pitch, yaw in rad; none where it is neither."""
+def _as_turns(channel: Channel, wanted: set[str]) -> list[Channel]:
+    """A channel as a quaternion w, x, y, z, or roll, pitch, yaw in rad, NaN where that is not `wanted`; none where it is
+    neither.
+    """
     ends = [label.rsplit(".", 1)[-1].removeprefix("q") for label in channel.labels]
     good = np.isfinite(channel.values).all(axis=1)
-    if sorted(ends) == sorted(QUATERNION) and is_unit(channel.values[good]):
+    if sorted(ends) == sorted(QUATERNION) and wanted == set(ANGLES) and is_unit(channel.values[good]):
         order = [ends.index(axis) for axis in QUATERNION]
         return [channel.replace(labels=QUATERNION, unit="", units=(), values=channel.values[:, order])]
-    if sorted(ends) != sorted(ANGLES) or channel.unit not in ("", "rad") or not good.any():
+    if sorted(ends) != sorted(wanted) or channel.unit not in ("", "rad") or not good.any():
         return []
     degrees = not channel.unit and hardly_radians(float(np.abs(channel.values[good]).max()))
-    values = channel.values[:, [ends.index(axis) for axis in ANGLES]]
+    values = np.full((len(channel.values), len(ANGLES)), np.nan)
+    values[:, [ANGLES.index(axis) for axis in ends]] = channel.values
     return [channel.replace(labels=ANGLES, unit="rad", units=(), values=np.radians(values) if degrees else values)]
 
 
 def _up(channel: Channel) -> float:
     """Cosine of the angle between what points up of the base and of the world, in the median."""
-    values = channel.values[np.isfinite(channel.values).all(axis=1)]
+    values = headed(channel.values) if channel.labels == ANGLES else channel.values
+    values = values[np.isfinite(values).all(axis=1)]
     return float(np.median(up_of(quaternion_of(values) if channel.labels == ANGLES else values)[:, 2]))

@@ -34,6 +34,13 @@ def in_angles(recording: Recording) -> Recording:
     return recording.with_channel(channel.replace(labels=ANGLES, unit="rad", values=unwound(values)))
 
 
+def headed(angles: Array) -> Array:
+    """(..., 3) roll, pitch and yaw, or how fast they change, with a yaw of 0 where nobody measured it: on a level floor
+    nothing hangs on where a robot heads.
+    """
+    return np.where(np.isnan(angles) & (np.arange(3) == ANGLES.index("yaw")), 0.0, angles)
+
+
 def is_quaternion(labels: Sequence[str]) -> bool:
     """Whether labels are those of a quaternion: w, x, y, z, or qw, qx, qy, qz, in any order."""
     return sorted(label.removeprefix("q") for label in labels) == sorted("wxyz")

@@ -11,7 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.model import BasePose, Model
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, RATES
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, RATES, headed
 from trueup.instant import at_instant
 from trueup.recording import Channel
 from trueup.trial import Trial
@@ -30,7 +30,7 @@ def measured_base(trial: Trial) -> BasePose | None:
         if channel.name in trial.corrections:
             labels = trial.initial[channel.name].labels
             state += trial.corrections[channel.name][:, [labels.index(n) for n in channel.labels]]
-        states += list(state)
+        states += list(state if channel is ordered else headed(state))
     return BasePose(*states)
 
 

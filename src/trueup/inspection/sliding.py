@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, headed, in_angles, quaternion_of
 from trueup.evidence import EXCERPT, HALVED
 from trueup.recording import Recording
 from trueup.trial import LOOK
@@ -112,7 +112,7 @@ def _walks(names: Sequence[str], recordings: Sequence[Recording]) -> list[_Walk]
             continue
         time = np.arange(recording.start, recording.stop, LOOK)[:left]
         poses, places = joints.select(names).at(time), place.select(AXES).at(time)
-        turns = turn.at(time)
+        turns = headed(turn.at(time))
         good: Mask = np.asarray(np.isfinite(np.hstack([poses, places, turns])).all(axis=1))
         if np.count_nonzero(good) > 2 * _AHEAD and good[good.argmax() : len(good) - good[::-1].argmax()].all():
             found.append(_Walk(poses[good], quaternion_of(turns[good]), places[good]))

@@ -17,7 +17,7 @@ from trueup.loop.shoot import SHORTEST
 from trueup.loop.windows import by_torque
 from trueup.noise import spread
 from trueup.reckoned import RATE_OF, RECKONED, reckoned_as, reckoned_of
-from trueup.recording import Recording
+from trueup.recording import Channel, Recording
 from trueup.trial import Observed, Trial
 
 
@@ -70,7 +70,7 @@ def _errors(problem: Problem, values: Array) -> Iterator[tuple[str, Array]]:
     runs = problem.simulator.rollout([t for t, _ in asked], values[None]) if asked else ()
     for run, (_, recording) in zip(runs, asked, strict=True):
         seen, gone = run.recording(), reckoned_of(recording)
-        told = seen.replace(channels={n: c for n, c in seen.channels.items() if n not in gone})
+        told = seen.replace(channels={n: _blank(c, recording) for n, c in seen.channels.items() if n not in gone})
         again = None if run.failures else reckoned_as(problem.simulator, told)
         if again is None:
             continue
@@ -86,6 +86,13 @@ def _brief(trial: Trial) -> list[Trial]:
     """Parts of a trial, at whose middles a start has shown its effect, and a robot that is told torques still stands."""
     begins = trial.start + np.linspace(0.0, max(trial.duration - 2.0 * SHORTEST, 0.0), LOOKS)
     return [cut(trial, begin, 2.0 * SHORTEST) for begin in begins.tolist()]
+
+
+def _blank(simulated: Channel, recording: Recording) -> Channel:
+    """A simulated channel without the labels that were nowhere measured, as a heading beside roll and pitch."""
+    measured = recording.channels.get(simulated.name)
+    missing = np.zeros(1, dtype=np.bool_) if measured is None else np.isnan(measured.values).all(axis=0)
+    return simulated.replace(values=np.where(missing, np.nan, simulated.values)) if missing.any() else simulated
 
 
 def _watched(problem: Problem, trial: Trial, recording: Recording) -> Trial:

@@ -100,8 +100,9 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
     note = (
         f"the base of model '{model.path.name}' is free, but no recording tells where it was: it is held in the air, {turn}, "
         f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
-        "z or roll, pitch, yaw), or how it was turned alone from a rest on its feet on (that orientation, or a gyro and an "
-        "accelerometer on the base, in their units), or refuse this: it then begins free, as in the first keyframe"
+        "z or roll, pitch, yaw), or how it was turned alone from a rest on its feet on (that orientation, roll and pitch, or "
+        "a gyro and an accelerometer on the base, in their units), or refuse this: it then begins free, as in the first "
+        "keyframe"
     )
     note += _perhaps(recordings)
     angle, sensor = turned(recordings)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, headed, in_angles, quaternion_of
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
@@ -54,7 +54,9 @@ def postures(model: Model, recording: Recording, time: Array) -> Array:
             out[:, start + i] = _known(place.time, values, recording, time)
     if recording.has(ORIENTATION):
         turn = recording.channel(ORIENTATION).select(ANGLES)
-        angles = np.stack([_known(turn.time, v, recording, time) for v in np.unwrap(turn.values, axis=0).T], axis=1)
+        angles = np.stack(
+            [_known(turn.time, v, recording, time) for v in np.unwrap(headed(turn.values), axis=0).T], axis=1
+        )
         out[:, start + 3 : start + 7] = [quaternion_of(a) for a in angles]
     return out
 

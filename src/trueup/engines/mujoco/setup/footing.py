@@ -11,7 +11,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from trueup.arrays import Array
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, product, quaternion_of, up_of
+from trueup.articulated.pose import (
+    ANGLES,
+    AXES,
+    ORIENTATION,
+    POSITION,
+    headed,
+    in_angles,
+    product,
+    quaternion_of,
+    up_of,
+)
 from trueup.articulated.quantities.known import quantity
 from trueup.ends import TILT
 from trueup.engines.mujoco.base import floating, free_joint
@@ -142,7 +152,7 @@ def _poses(reach: Reach, recording: Recording) -> _Poses | None:
     if not set(AXES) <= set(place.labels) or turn.labels != ANGLES:
         return None
     time = np.arange(recording.start, recording.stop, LOOK)
-    bases = np.hstack([place.select(AXES).at(time), quaternion_of(turn.at(time))])
+    bases = np.hstack([place.select(AXES).at(time), quaternion_of(headed(turn.at(time)))])
     labels: list[str] = []
     joints = np.zeros((len(time), 0))
     if recording.has("position"):

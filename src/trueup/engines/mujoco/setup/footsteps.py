@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array, Integers
-from trueup.articulated.attitude import attitude, by_gravity, smoothed_attitude
+from trueup.articulated.attitude import attitude, by_gravity, by_tilt, smoothed_attitude
 from trueup.articulated.inertial import with_inertial_units
 from trueup.articulated.pose import (
     ANGLES,
@@ -16,6 +16,7 @@ from trueup.articulated.pose import (
     ORIENTATION,
     POSITION,
     RATES,
+    headed,
     in_angles,
     quaternion_of,
 )
@@ -32,14 +33,16 @@ from trueup.reckoned import RECKONED
 from trueup.recording import Channel, Recording
 from trueup.samples import between
 
+_HEADING = " (where it headed was not logged, and is taken not to change: if it turned, log yaw, or a gyro in rad/s)"
+
 
 def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings with the pose of a free base that none of them tells, where the robot stood on its feet, and notes.
 
-    How it was turned is told by `base_orientation`, or by a gyro and an accelerometer on the base. The lowest point is on
-    the floor and stands still, so that the base goes against how that moves. As they are where the robot may have hung, as
-    `stance.stood` and `treading.trod` tell, where something else than a plane is around it, or any recording lacks what is
-    needed.
+    How it was turned is told by `base_orientation`, by a gyro and an accelerometer on the base, or by roll and pitch alone:
+    then it is taken to head where it did. The lowest point is on the floor and stands still, so that the base goes against
+    how that moves. As they are where the robot may have hung, as `stance.stood` and `treading.trod` tell, where something
+    else than a plane is around it, or any recording lacks what is needed.
     """
     result = list(recordings)
     if free_joint(model.compiled) < 0 or not result or any(r.has(POSITION) for r in result):
@@ -54,9 +57,10 @@ def reckoned(model: Model, recordings: Sequence[Recording]) -> tuple[list[Record
     if not against:
         return result, []
     how = sorted({what for f in known for what in f[1]})
+    yaw = "" if all(np.isfinite(f[0].channel(ORIENTATION).values[:, 2]).any() for f in known) else _HEADING
     note = (
         f"no recording tells where the base was, and it stood on the floor ({against}): its pose is reckoned from "
-        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still. Replays begin "
+        f"{' and '.join(how)} and from the joints, as of feet of which the lowest stands still{yaw}. Replays begin "
         f"there, as unsure as simulated runs show it to be, and are not compared with it. If it hopped, or feet slipped for "
         f"long, log {POSITION}; if it hung, refuse this"
     )
@@ -86,7 +90,7 @@ def _with_pose(model: Model, reach: Reach, recording: Recording) -> tuple[Record
     time = time[(time >= angles.time[0]) & (time <= angles.time[-1])]
     if len(time) < 2:
         return None
-    poses, turns = between(time, joints.time[good], joints.values[good]), quaternion_of(angles.at(time))
+    poses, turns = between(time, joints.time[good], joints.values[good]), quaternion_of(headed(angles.at(time)))
     place, _ = path(reach, labels, poses, turns)
     channels, names = {POSITION: Channel(POSITION, AXES, "m", time, place), ORIENTATION: angles}, {POSITION}
     if rates is not None:  # the inertial unit is compared itself
@@ -141,7 +145,8 @@ def _turning(model: Model, recording: Recording) -> tuple[Channel, Channel | Non
             axes = sorted(channel.labels, key=lambda label: label[-1])
             found[kinds[sensor]] = (channel.time, channel.select(axes).values @ site.T, name)
     if not {"rad/s", "m/s^2"} <= set(found):
-        return None
+        tilt = by_tilt(recording)
+        return None if tilt is None else (tilt[0], None, tilt[1])
     (time, rates, gyro), (late, pulls, accelerometer) = found["rad/s"], found["m/s^2"]
     angles, changes = smoothed_attitude(time, rates, between(time, late, pulls))
     how = (f"'{gyro}'", f"'{accelerometer}'")
