@@ -9,6 +9,8 @@ from trueup.recording import Recording
 
 RECKONED = "reckoned"
 """Key of a recording's provenance: such channels, parted by spaces (`reckoned_of`)."""
+TOLD_BY = "told_by"
+"""Key of a recording's provenance: the channel that is compared under another name, as that of a base's orientation."""
 RATE_OF = "_rate"
 """Behind the name of a channel: that of the one that tells how fast it changes, where that was reckoned, too."""
 

@@ -117,6 +117,7 @@ def test_roll_and_pitch_alone_tell_where_the_base_was_and_are_compared(walked: t
     assert np.sqrt(np.mean((found.channel("base_position").values[:, 2] - truth[:, 2]) ** 2)) < 3e-3
     assert any("'imu'" in str(n) and "taken not to change" in str(n) for n in ready.notes)
     assert set(ready.simulator.observable(found)) == {"position", "base_orientation"}
+    assert not ready.unused()  # under another name
     problem = with_start_errors(Problem(ready.simulator, ready.recordings, Weighted({})), np.zeros(0))
     assert set(problem.trials[0].initial_sd) == {"base_position"}
     (whole,) = replays(ready.simulator, np.zeros(0), (), [found], channels=["position"], windows=np.inf)

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.calibration import TracePoint
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.alike import alike
+from trueup.loop.descent import Watch
 from trueup.loop.horizon import _spread, horizon, led_length
 from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import Problem
@@ -106,7 +108,9 @@ def test_what_long_replays_hide_is_found_in_the_windows_that_lead_lowest() -> No
     problem, told = turned((24.0, 24.0)), space(("speed", "speed"))
     whole = told.from_unit(alike(problem, told, np.array([0.5, 0.5])))
     assert abs(whole[0] - 24.0) > 1.0  # 16 rad off at the end: slopes lead to the next turn
-    length, found = horizon(problem, told, told.nominal)
+    seen = list[TracePoint]()
+    length, found = horizon(problem, told, told.nominal, Watch(seen.append))
+    assert [point.stage for point in seen] == ["windows of several lengths"]  # it takes minutes
     assert length < 1.0
     assert found == pytest.approx([24.0, 24.0], rel=0.01)
 

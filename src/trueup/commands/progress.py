@@ -14,6 +14,7 @@ from trueup.report.numbers import duration_text, scale_for
 
 # Where in the whole a stage begins and ends, from runs on arms of six joints. Refits come after the full step.
 _STAGES = {
+    "windows of several lengths": (0.0, 0.1),
     "first seconds": (0.0, 0.2),
     "all": (0.05, 0.75),
     "all, coarse step": (0.2, 0.55),

@@ -104,10 +104,10 @@ def calibrate(
     space = simulator.parameters if space is None else space
     chosen = _with_entering(_whole(options or Options()) if discrepancy or controllers else options or Options(), space)
     left, chosen_before = _searched(space, chosen.later, resume)
-    laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers)
-    problem, watch, chooser = laid.problem, _watching(laid.problem, progress, less.kept_by(checkpoint)), Chooser()
+    watch, chooser = Watch(progress, less.kept_by(checkpoint)), Chooser()
+    laid = _Replayed.laid_out(simulator, training, chosen, space, start, discrepancy, controllers, watch)
     select = chooser if chosen.select and not chosen_before else None
-    found = fit(problem, left, laid.begin, watch, resume=resume, select=select, **_how(chosen))
+    found = fit(problem := laid.problem, left, laid.begin, watch, resume=resume, select=select, **_how(chosen))
     if chosen.select and not found.disturbed.gaps:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     shown = () if found.disturbed.gaps else laid.replayed(found.values, judged)
@@ -132,13 +132,6 @@ def calibrate(
                        cpu_seconds=time.process_time() - cpu)  # fmt: skip
 
 
-def _watching(problem: Problem, progress: Progress | None, checkpoint: Checkpoint | None) -> Watch:
-    """Reports a search, and that it goes on where a problem is simulated in between."""
-    watch = Watch(progress, checkpoint)
-    problem.heard_by.append(watch.goes_on)
-    return watch
-
-
 @dataclass(frozen=True, eq=False)
 class _Replayed:
     """How recordings are replayed, for the search and to be shown."""
@@ -157,16 +150,21 @@ class _Replayed:
     @classmethod
     def laid_out(
         cls, simulator: Simulator, recordings: Sequence[Recording], chosen: Options, space: ParameterSpace,
-        start: Array | None, discrepancy: Discrepancy | None, controllers: ControllerFactory | None,
+        start: Array | None, discrepancy: Discrepancy | None, controllers: ControllerFactory | None, watch: Watch,
     ) -> _Replayed:  # fmt: skip
-        """Whole, in windows in which slopes lead (see `cut_for_search`), or in such as are asked for."""
+        """Whole, in windows in which slopes lead (see `cut_for_search`), or in such as are asked for; `watch` is told where
+        a problem is simulated in between.
+        """
         channels = sorted({c for r in recordings for c in simulator.observable(r)})
         measure, fitted = discrepancy or Weighted.estimated(recordings, channels), chosen.channels or usual(channels)
         problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
+        problem.heard_by.append(watch.goes_on)
         waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
         begin = space.without(waiting).nominal if start is None else start
         smooth = space.without(waiting) if chosen.windows is None else None
-        problem, led, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
+        problem, led, lasting, cut = cut_for_search(
+            problem, begin, smooth, chosen.windows or np.inf, chosen.seed, watch
+        )
         return cls(problem, measure, fitted, led if start is None else start, lasting, cut, controllers)
 
     def replayed(self, values: Array, hold_out: Sequence[Recording], longest: float = np.inf) -> tuple[Replay, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.alike import alike
 from trueup.loop.apart import GLANCE
-from trueup.loop.descent import HELD
+from trueup.loop.descent import HELD, Watch
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import WORTH, Problem
@@ -33,12 +33,12 @@ _PARTS = 4  # of each window, for the next shorter ones: half as long they lead 
 
 
 def cut_for_search(
-    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int
+    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int, watch: Watch | None = None
 ) -> tuple[Problem, Array, float, list[str]]:
     """The problem in windows of `wanted` s, or with a `space` in such as a search along its free
     parameters takes at values (n,); from which values (n,) to search it; how long windows may be for replays from measured
     starts to last, which is how they are shown; and both in words. Trials of it know how far off starts are that were
-    reckoned.
+    reckoned. `watch` is told where several lengths are searched, which takes minutes.
     """
     problem = with_start_errors(problem, values)
     if space is None:
@@ -53,7 +53,7 @@ def cut_for_search(
         lasting = smooth
     reason = _reason(problem)
     if np.isinf(min(lasting, smooth)) and carried(problem) and space.free.any():
-        smooth, values = horizon(problem, space, values)
+        smooth, values = horizon(problem, space, values, watch)
         reason = ": of several lengths this one led to where whole recordings are replayed best"
     if unstable := bool(np.isfinite(lasting) and space.free.any() and swinging(problem) and not _reckoned(problem)):
         values, lasting = lengthened(problem, space, values, lasting)
@@ -139,7 +139,7 @@ def _left(problem: Problem, space: ParameterSpace, start: Array) -> float:
     return float(np.nan_to_num(losses, nan=np.inf).min()) / search.loss
 
 
-def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[float, Array]:
+def horizon(problem: Problem, space: ParameterSpace, values: Array, watch: Watch | None = None) -> tuple[float, Array]:
     """How long windows are in s that lead lowest from `values` (n,), and where (n,); inf where it is whole replays.
 
     Windows of several lengths are searched, kind by kind, and judged by what whole replays make of where they lead: what
@@ -149,6 +149,9 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array) -> tuple[flo
     """
     start = np.clip(space.to_unit(values), 0.0, 1.0)
     looked = problem.shortened(WORTH / len(problem.trials))
+    if watch is not None:
+        begun = looked.residuals(values[None])[0]
+        watch.saw("windows of several lengths", looked, float(0.5 * begun @ begun), looked.rmse(begun))
     lengths = _ever_shorter(looked, np.inf)
     parts = [looked if np.isinf(length) else in_windows(looked, length) for length in lengths]
     ends = np.array([alike(part, space, start) for part in parts])

@@ -37,7 +37,7 @@ from trueup.loop.restricted import Restricted
 from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.parameters import ParameterSpace
-from trueup.reckoned import reckoned_of
+from trueup.reckoned import TOLD_BY, reckoned_of
 from trueup.recording import Recording, is_command
 
 
@@ -252,7 +252,7 @@ class Preparation:
         measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
         used = (
             name for r in self.recordings
-            for name in (*self.simulator.observable(r), *self.family.reads(r), *reckoned_of(r))
+            for name in (*self.simulator.observable(r), *self.family.reads(r), *reckoned_of(r), r.provenance.get(TOLD_BY, ""))
         )  # fmt: skip
         left = ", ".join(sorted(measured.difference(used)))
         return (f"not compared, since it is {self.family.compares}: {left}",) if left else ()

@@ -29,7 +29,7 @@ from trueup.engines.mujoco.setup.stance import stood
 from trueup.engines.mujoco.setup.treading import trod
 from trueup.inspection.sensors import sensed
 from trueup.inspection.sliding import Legs
-from trueup.reckoned import RECKONED
+from trueup.reckoned import RECKONED, TOLD_BY
 from trueup.recording import Channel, Recording
 from trueup.samples import between
 
@@ -96,6 +96,8 @@ def _with_pose(model: Model, reach: Reach, recording: Recording) -> tuple[Record
     if rates is not None:  # the inertial unit is compared itself
         channels, names = {**channels, RATES: rates}, {POSITION, ORIENTATION, RATES}
     told = {**recording.provenance, RECKONED: " ".join(sorted(names))}
+    if rates is None and len(by) == 1:
+        told[TOLD_BY] = by[0].strip("'")
     return recording.replace(channels={**recording.channels, **channels}, provenance=told), by
 
 
