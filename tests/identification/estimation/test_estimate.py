@@ -168,3 +168,12 @@ def test_what_draws_effects_to_zero_does_not_make_them_certain(alike: float) -> 
     found = least_squares([rows], np.arange(2))
     assert found.parameters[1] > 1.0, "they share what one of them explains"
     assert np.all(np.abs(found.parameters - [6.0, 0.0]) < 2.0 * found.deviations)
+
+
+def test_columns_that_are_one_but_for_rounding_have_no_variance_below_zero() -> None:
+    rng = np.random.default_rng(1)
+    each = rng.standard_normal((12, 4000))
+    alike = np.vstack([each, each.sum(axis=0) + 1e-9 * rng.standard_normal(4000)])
+    torque = (each.sum(axis=0) + 0.1 * rng.standard_normal(4000))[:, None]
+    found = least_squares([Rows((np.arange(13),), (alike,), torque, np.arange(4000) / 100.0, 13)], np.arange(13))
+    assert np.linalg.eigvalsh(found.covariance)[0] > 0.0

@@ -69,7 +69,7 @@ VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predict
 """Words of a signal that stands beside a plainer one of the same joint."""
 COUNTED = re.compile(r"joint_\d+")
 """Labels of a list that names no joints, as a bag's Float64MultiArray: of those whose positions were logged beside it."""
-PARTS = listed("joint joints motor motors")
+PARTS = listed("joint joints motor motors gelenk")
 _NUMBERED_ID = re.compile(r"(?<![A-Za-z])id_?\d", re.IGNORECASE)
 _LOW = frozenset(["low"])
 _NOT_JOINT = TOOLS | listed(
@@ -161,10 +161,12 @@ def _kind(word: str) -> str:
 
 
 def _apart(word: str) -> tuple[str, str]:
-    """The kind in a word made of two, and the other, which commands or measures: "cmdpos"; both empty for any other word."""
+    """The kind in a word made of two, and the other, which commands or measures or says of what: "cmdpos", "motorstrom"; both
+    empty for any other word.
+    """
     for i in range(1, len(word)):
         for kind, other in ((word[:i], word[i:]), (word[i:], word[:i])):
-            if kind in KINDS and len(other) > 2 and other in COMMANDED | PLAINLY_MEASURED:
+            if kind in KINDS and len(other) > 2 and other in COMMANDED | PLAINLY_MEASURED | PARTS:
                 return KINDS[kind], other
     return "", ""
 

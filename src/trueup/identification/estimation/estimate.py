@@ -221,14 +221,15 @@ def _sandwich(
     rows: Sequence[Rows], act: Integers, weights: Array, errors: Sequence[Array], doubt: Sequence[Array] | None,
     normal: Array,
 ) -> Array:  # fmt: skip
-    """(p, p) covariance that allows for errors that last: normal @ (long-run variance of the scores) @ normal.
+    """(p, p) covariance that allows for errors that last: normal @ (long-run variance of the scores) @ normal, as the
+    squares of normal @ scores: products of large numbers that cancel would leave variances below zero.
 
     Newey & West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
     matrix", Econometrica 55(3), 1987: the Bartlett kernel, written as overlapping sums of `window` scores.
     """
     p, place = rows[0].p, np.full(rows[0].p, -1)
     place[act] = np.arange(len(act))
-    middle, count = np.zeros((len(act), len(act))), sum(r.length for r in rows)
+    squares, count = np.zeros((len(act), len(act))), sum(r.length for r in rows)
     window = max(_memory(e) for e in errors)
     for k, r in enumerate(rows):
         score = np.zeros((len(act), r.length))
@@ -237,12 +238,12 @@ def _sandwich(
             error = weights[j] * errors[k][:, j] * (1.0 if doubt is None else doubt[k][:, j])
             score[place[c[own]]] += v[own] * error
         total = np.cumsum(np.pad(score, ((0, 0), (window, window))), axis=1)
-        sums = total[:, window:] - total[:, :-window]
-        middle += sums @ sums.T / window
+        sums = normal @ (total[:, window:] - total[:, :-window])
+        squares += sums @ sums.T / window
     covariance = np.zeros((p, p))
     # As many samples were used up as parameters were fitted, in steps of the errors' memory.
     spent = min(len(act) / max(count * len(rows[0].values) / window, 1.0), 0.8)
-    covariance[np.ix_(act, act)] = normal @ middle @ normal / (1.0 - spent)
+    covariance[np.ix_(act, act)] = squares / (1.0 - spent)
     return covariance
 
 
