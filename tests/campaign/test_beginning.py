@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trueup.campaign.beginning import begun_with
 from trueup.campaign.campaign import Campaign
+from trueup.campaign.events import Begun
 from trueup.campaign.folder import Folder
 from trueup.campaign.journal import JOURNAL, Journal, read_journal
 from trueup.campaign.parts import Parts, Silent
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.errors import JournalError
+from trueup.formats import read
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import Trial
@@ -145,3 +148,39 @@ def test_a_journal_of_before_has_no_samples_and_goes_on(write_plan: Write, tmp_p
     (out / JOURNAL).write_text("".join(line + "\n" for line in lines))
     go(plan, out, lambda parts: parts)
     assert type(read_journal(out)[-1]).__name__ == "Ended"
+
+
+def logs(folder: Path, *names: str) -> list[Recording]:
+    for name in names:
+        rows = [f"{k / 100},{len(name) * k},{k % 7}" for k in range(50)]
+        (folder / f"{name}.csv").write_text("\n".join(["time,hip_cmd,hip_pos", *rows]) + "\n")
+    return read([folder / f"{name}.csv" for name in names])
+
+
+def test_a_campaign_goes_on_with_the_recordings_that_it_began_with(write_plan: Write, tmp_path: Path) -> None:
+    logs(tmp_path, "a", "bb")
+    plan, said = write_plan(("[experiment]", 'recordings = ["*.csv"]\n[experiment]')), list[str]()
+    folder = Folder.begin(read_plan(plan), tmp_path / "out", None)
+    with Journal(folder.path) as journal, pytest.raises(KeyboardInterrupt):
+        Campaign(
+            folder.file.plan, folder.checksum, "0", stopped(parts_of(folder.file, folder.path, said.append)), journal
+        ).run()
+    logs(tmp_path, "ccc")
+    with Journal(folder.path) as journal:
+        parts = parts_of(folder.file, folder.path, said.append, past=journal.past)
+        assert [r.name for r in parts.recordings] == ["a", "bb"]
+        assert any("not used in it: ccc" in line for line in said)
+        (tmp_path / "bb.csv").unlink()
+        with pytest.raises(JournalError, match=r"bb \(gone\)"):
+            parts_of(folder.file, folder.path, said.append, past=journal.past)
+
+
+def test_recordings_that_only_have_another_name_are_the_same_and_edited_ones_are_not(tmp_path: Path) -> None:
+    a, bb = logs(tmp_path, "a", "bb")
+    past = [Begun("", 0, "0", recordings={r.name: r.provenance[f"sha256 of {r.name}.csv"] for r in (a, bb)})]
+    renamed = a.replace(name="day_1_a")
+    assert begun_with([renamed, bb], past, print) == [renamed, bb]
+    (tmp_path / "bb.csv").write_text((tmp_path / "bb.csv").read_text().replace("0.01,", "0.011,"))
+    with pytest.raises(JournalError, match=r"bb \(edited\)"):
+        begun_with([a, *read([tmp_path / "bb.csv"])], past, print)
+    assert begun_with([bb], [], print) == [bb]

@@ -67,3 +67,14 @@ def test_angles_that_are_labelled_as_a_joint_are_its_position_whatever_they_are_
     np.testing.assert_allclose(seen[np.isfinite(seen)], ARM[np.isfinite(seen)])
     assert "sway from camera" in note
     assert {"light", "spin"} <= run.channels.keys()
+
+
+@pytest.mark.parametrize(("times", "labels"), [(1.0, ("hip", "finger")), (1000.0, ("hip",))])
+def test_numbers_without_a_unit_are_read_with_the_others_where_they_may_be_theirs(
+    times: float, labels: tuple[str, ...]
+) -> None:
+    channels = _log().channels
+    gripper = channels["position_gripper"].replace(unit="", values=times * channels["position_gripper"].values)
+    (run,), (note,) = gathered([_log().with_channel(gripper)], ["hip", "finger"])
+    assert run.channel("position").labels == labels
+    assert ("nothing says the unit of finger" in note) == ("finger" in labels)

@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from trueup.campaign.doses import Doses
-from trueup.campaign.events import Begun, Row
+from trueup.campaign.events import Begun, Event, Row
 from trueup.campaign.journal import read_times
 from trueup.campaign.parts import Parts
 from trueup.campaign.rehearsal import blamed
 from trueup.errors import JournalError, PlanError, TrueupError
+from trueup.recording import Recording
 from trueup.rounding import PRINTED
 from trueup.tasks.task import counted_by, unit_of
 
@@ -27,12 +30,54 @@ def begun(checksum: str, seed: int, version: str, parts: Parts, doses: Doses | N
     task = parts.task
     units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
     graded = (doses.names, doses.first, doses.ways) if doses else ((), (), ())
-    return Begun(checksum, seed, version, unit_of(task), units, *graded, counted_by(task))
+    before = {r.name: _sums(r) for r in (*parts.recordings, *parts.held_out)}
+    return Begun(checksum, seed, version, unit_of(task), units, *graded, counted_by(task), recordings=before)
 
 
 def sampled(first: Begun, parts: Parts) -> Begun:
     """The event with what the task scores in a few simulations: all that is decided later follows from such scores."""
     return dataclasses.replace(first, samples=_samples(parts))
+
+
+def begun_with(recordings: Sequence[Recording], past: Sequence[Event], say: Callable[[str], None]) -> list[Recording]:
+    """Those of the plan's recordings that the campaign began with, by check sums in its first event (`past`: its journal).
+
+    What a pattern finds by now beside these is said, and left aside: calibrations that the journal holds did not see it.
+    Raises JournalError where one is gone or was edited. All of them where nothing is known.
+    """
+    known = past[0].recordings if past and isinstance(past[0], Begun) else {}
+    if not known:
+        return list(recordings)
+    same = {r.name for r in recordings if known.get(r.name) == _sums(r)}
+    moved = Counter(
+        sums for name, sums in known.items() if name not in same
+    )  # names of one file change with its neighbours'
+    kept, others = list[Recording](), list[str]()
+    for recording in recordings:
+        here = recording.name in same
+        if here or moved[_sums(recording)] > 0:
+            kept.append(recording)
+            moved[_sums(recording)] -= not here
+        else:
+            others.append(recording.name)
+    if lost := [name for name, sums in known.items() if name not in same and moved[sums] > 0]:
+        edited = [f"{name} ({'edited' if name in others else 'gone'})" for name in lost]
+        raise JournalError(
+            f"recordings of the plan are no longer what the campaign began with: {', '.join(edited)}; what is in the journal "
+            "would be mixed with what comes of others. Put them back, and `trueup resume` goes on; or begin anew with "
+            "`trueup run --out DIR`"
+        )
+    if others:
+        say(
+            f"note: recordings that came since the campaign began are not used in it: {', '.join(others)}; a campaign that "
+            "is begun anew (`trueup run --out DIR`) uses them"
+        )
+    return kept
+
+
+def _sums(recording: Recording) -> str:
+    """Check sums of the files that a recording was read from."""
+    return " ".join(digest for key, digest in recording.provenance.items() if key.startswith("sha256 of "))
 
 
 def require_unedited(first: Begun, now: Begun, parts: Parts, folder: Path) -> str:

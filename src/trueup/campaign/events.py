@@ -37,6 +37,8 @@ class Begun:
     """What people count of the task's score, which is minus that; '' where it is an error or a cost as it stands."""
     samples: Row = ()
     """Scores of a few settings in a few simulators, by which edits of the model or the task show; () where there are none."""
+    recordings: Mapping[str, str] = field(default_factory=dict)
+    """Of the plan's recordings, by name: the check sums of their files. Empty in journals of earlier versions."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Calibration, TracePoint
+from trueup.campaign.beginning import begun_with
+from trueup.campaign.events import Event
 from trueup.campaign.kinds import (
     CALIBRATIONS,
     DISCREPANCIES,
@@ -51,16 +53,18 @@ _ROLES = {
 
 
 def parts_of(
-    file: PlanFile, folder: Path, say: Callable[[str], None], evaluator: Evaluator | None = None
+    file: PlanFile, folder: Path, say: Callable[[str], None], evaluator: Evaluator | None = None,
+    past: Sequence[Event] = (),
 ) -> Parts:  # fmt: skip
     """Everything that the plan names, made; `folder` is the campaign's, `say` shows a robot's messages to the operator,
-    `evaluator` says where candidates are simulated (None: here).
+    `evaluator` says where candidates are simulated (None: here), `past` is what the campaign's journal holds.
 
     What is made may ask, by the names of its parameters, for: folder, folder_of_plan, say, seed, recordings, and the
-    simulator and the task that were made before it. Raises PlanError, and what the parts raise.
+    simulator and the task that were made before it. Raises PlanError, JournalError where recordings are others than those
+    that the campaign began with, and what the parts raise.
     """
     plan, base = file.plan, file.path.parent
-    recordings, held_out = _recordings(plan.calibrate, base, str(file.path))
+    recordings, held_out = _recordings(plan.calibrate, base, str(file.path), lambda every: begun_with(every, past, say))
     given: dict[str, Any] = {
         "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out),
         "whole_runs": plan.calibrate.method.type == "whole-runs", "as_it_is": plan.calibrate.method.type == "none",
@@ -152,7 +156,9 @@ def _check_success(file: PlanFile, task: Task) -> None:
         )
 
 
-def _recordings(plan: Calibrate, base: Path, where: str) -> tuple[list[Recording], list[Recording]]:
+def _recordings(
+    plan: Calibrate, base: Path, where: str, chosen: Callable[[Sequence[Recording]], list[Recording]]
+) -> tuple[list[Recording], list[Recording]]:
     """Those to fit and those held out. Raises PlanError for a pattern that finds none, FormatError."""
     paths: list[Path] = []
     for pattern in plan.recordings:
@@ -160,7 +166,7 @@ def _recordings(plan: Calibrate, base: Path, where: str) -> tuple[list[Recording
         if not matching or not matching[0].exists():
             raise PlanError(f"{where}, [calibrate], recordings: '{pattern}' finds nothing in {base}")
         paths += matching
-    everything = read(paths, base / plan.mapping if plan.mapping else None) if paths else []
+    everything = chosen(read(paths, base / plan.mapping if plan.mapping else None) if paths else [])
     names = [r.name for r in everything]
     for pattern in plan.hold_out:
         if not fnmatch.filter(names, pattern):

@@ -116,7 +116,7 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
         where = args.cluster or plan.evaluate.cluster, args.quorum or plan.evaluate.quorum
         try:
             with closing(evaluator_of(*where, told, quiet=args.quiet, watch=view.simulated)) as evaluator, view:
-                parts = parts_of(folder.file, folder.path, say, evaluator)
+                parts = parts_of(folder.file, folder.path, say, evaluator, journal.past)
                 Campaign(plan, folder.checksum, version(), parts, journal, view).run()
         except KeyboardInterrupt:
             told.print(

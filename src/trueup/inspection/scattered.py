@@ -10,6 +10,7 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.recording import Channel, Recording, is_command
 from trueup.trial import COMMANDS
+from trueup.units import hardly_radians
 
 _KINDS = ("position", "velocity", "torque", "current", *COMMANDS)
 APART = "seen by sensors of their own"
@@ -25,9 +26,9 @@ def gathered(
 
     A recording has one clock for all joints of a kind, a robot of several drivers one for each, under whatever name.
     Measurements of the others stand at the instants next to their own (with `filled` at all of them, in between too);
-    commands at theirs.
+    commands at theirs. What has no unit has that of the others, as columns of one table have.
     """
-    changed, told = [], dict[str, list[str]]()
+    changed, told, unsaid = [], dict[str, list[str]](), dict[str, None]()
     for recording in recordings:
         for name, channel in sorted(recording.channels.items(), key=lambda item: -len(item[1].time)):
             kind = max((k for k in _KINDS if name.startswith(f"{k}_")), key=len, default="") or _by_labels(
@@ -35,7 +36,12 @@ def gathered(
             )
             main = recording.channels.get(kind) if name not in _KINDS else None
             more = [j for j in channel.labels if main is not None and j in joints and j not in main.labels]
-            if main is None or not more or not any({main.unit, channel.unit} <= units for units in _ALIKE):
+            if main is None or not more:
+                continue
+            if _unit_unsaid(channel, more, main):
+                unsaid |= dict.fromkeys(more)
+                channel = channel.replace(unit=main.unit)
+            if not any({main.unit, channel.unit} <= units for units in _ALIKE):
                 continue
             recording = recording.without(name).with_channel(_joined(main, channel.select(more), filled=filled))
             if rest := [label for label in channel.labels if label not in more]:
@@ -46,7 +52,10 @@ def gathered(
                 recording = recording.replace(provenance={**recording.provenance, APART: own})
         changed.append(recording)
     said = "; ".join(f"{', '.join(names)} from {name}" for name, names in told.items())
-    return changed, [f"joints that were logged apart from the others are read with these: {said}"] if told else []
+    guessed = f"; nothing says the unit of {', '.join(unsaid)}, which is taken as SI" if unsaid else ""
+    return changed, [
+        f"joints that were logged apart from the others are read with these: {said}{guessed}"
+    ] if told else []
 
 
 def seen_apart(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -58,6 +67,15 @@ def _by_labels(channel: Channel, joints: Collection[str]) -> str:
     """The kind of a channel of any other name: angles and ways of nothing but the model's joints are their positions."""
     ways = {channel.unit_of(label) for label in channel.labels} <= _ALIKE[0]
     return "position" if ways and {*channel.labels} <= {*joints} and not is_command(channel.name) else ""
+
+
+def _unit_unsaid(channel: Channel, more: Sequence[str], main: Channel) -> bool:
+    """Whether nobody said the unit of these columns, and numbers do not speak against that of the others."""
+    largest = float(np.nanmax(np.abs(channel.select(more).values), initial=0.0))
+    sized = main.unit in {unit for units in _ALIKE for unit in units} and not (
+        main.unit == "rad" and hardly_radians(largest)
+    )
+    return not channel.unit and not channel.units and sized
 
 
 def _joined(main: Channel, other: Channel, *, filled: bool) -> Channel:
