@@ -10,7 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.setup.gravity import of_held_weight
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import Preparation, prepare
@@ -207,3 +209,21 @@ def test_an_arm_that_sticks_under_torques_that_hold_its_weight_keeps_it(tmp_path
     assert (
         max(friction.values()) < 2.0
     )  # N m: what moved one way is not given friction and an opposite offset without end
+
+
+def _model(folder: Path, text: str) -> Model:
+    (folder / "arm.xml").write_text(text)
+    return load(folder / "arm.xml")
+
+
+def test_of_an_arm_on_servos_one_share_of_all_weight_is_asked_about(tmp_path: Path) -> None:
+    (line,) = of_held_weight(_model(tmp_path, PLAIN), ["shoulder"])
+    assert (line.of, line.tie, line.nominal) == (("upper", "lower"), "all", 0.0)
+    assert line.optional
+    assert not of_held_weight(_model(tmp_path, PLAIN), [])
+    assert not of_held_weight(
+        _model(tmp_path, PLAIN.replace('name="lower"', 'name="lower" gravcomp="1"')), ["shoulder"]
+    )
+    free = PLAIN.replace('<body name="upper">', '<body name="trunk"><freejoint/><geom size=".1"/><body name="upper">')
+    free = free.replace("</worldbody>", "</body></worldbody>")
+    assert not of_held_weight(_model(tmp_path, free), ["shoulder"])

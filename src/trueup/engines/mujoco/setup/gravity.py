@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque commands on top of a controller's gravity compensation: the model's links then lose their weight, too."""
+"""Commands on top of a controller's gravity compensation: the model's links then lose their weight, too, or a share of it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.articulated.declarations import Declaration
 from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
@@ -16,6 +18,8 @@ from trueup.evidence import FEWEST_PARTS, HALVED, evidence
 from trueup.recording import Recording
 from trueup.trial import command_of
 
+SUPPORTED = "weight held beside the servos"
+"""Of an arm on servos: by a controller that compensates gravity, so that it does not sag as their stiffness asks."""
 _MOTORS = ("N m", "N", "")
 """Units of what motors are told: torques, forces, and controls as they are, of which the motor's gear makes torque."""
 
@@ -56,6 +60,20 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
         'are simulated without weight (gravcomp="1" in MJCF, in the calibrated file too)'
     )
     return model.changed(spec, "without the links' weight", note)
+
+
+def of_held_weight(model: Model, servos: Sequence[str]) -> list[Declaration]:
+    """The share of its weight that the controller of an arm on servos holds beside what their stiffness gives: without it,
+    servos whose arm does not sag would be as stiff as that asks, or have zeros that lift it. One for all links: a controller
+    knows them all.
+    """
+    m = model.compiled
+    names = model.names("body")
+    moved = tuple(names[i] for i in range(1, m.nbody) if m.body_weldid[i] and m.body_mass[i] > 0.0 and names[i])
+    if not servos or not moved or m.ngravcomp or np.any(m.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+        return []
+    return [Declaration("weight_held", moved, tie="all", name="weight_held", nominal=0.0, lower=0.0, upper=1.5,
+                        optional=SUPPORTED)]  # fmt: skip
 
 
 def _weight(model: Model, part: KnownTorque) -> Array:

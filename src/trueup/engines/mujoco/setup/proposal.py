@@ -14,6 +14,7 @@ from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.footed import of_a_floor, of_the_base, of_what_touches
+from trueup.engines.mujoco.setup.gravity import of_held_weight
 from trueup.engines.mujoco.setup.motors import AT_LEAST, Drive, drives_seen
 from trueup.engines.mujoco.setup.own_sensors import of_sensors
 from trueup.engines.mujoco.setup.rotors import of_rotors
@@ -75,7 +76,7 @@ def propose(
     lines += [*_leads(servos), *_punches(model, servos), *of_sensors(model, joints, recordings)]
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, optional=LOAD))
-    lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints)]
+    lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints), *of_held_weight(model, servos)]
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
