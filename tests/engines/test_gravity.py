@@ -227,3 +227,5 @@ def test_of_an_arm_on_servos_one_share_of_all_weight_is_asked_about(tmp_path: Pa
     free = PLAIN.replace('<body name="upper">', '<body name="trunk"><freejoint/><geom size=".1"/><body name="upper">')
     free = free.replace("</worldbody>", "</body></worldbody>")
     assert not of_held_weight(_model(tmp_path, free), ["shoulder"])
+    railed = free.replace("<freejoint/>", '<joint name="rail" type="slide" axis="0 0 1"/>')
+    assert not of_held_weight(_model(tmp_path, railed), ["shoulder"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from trueup.arrays import Array
@@ -65,12 +64,12 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
 def of_held_weight(model: Model, servos: Sequence[str]) -> list[Declaration]:
     """The share of its weight that the controller of an arm on servos holds beside what their stiffness gives: without it,
     servos whose arm does not sag would be as stiff as that asks, or have zeros that lift it. One for all links: a controller
-    knows them all.
+    knows them all. Not asked of a robot that hangs on what nothing drives (a rail, a boom, a free base).
     """
     m = model.compiled
     names = model.names("body")
     moved = tuple(names[i] for i in range(1, m.nbody) if m.body_weldid[i] and m.body_mass[i] > 0.0 and names[i])
-    if not servos or not moved or m.ngravcomp or np.any(m.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+    if not servos or not moved or m.ngravcomp or carriers(model):
         return []
     return [Declaration("weight_held", moved, tie="all", name="weight_held", nominal=0.0, lower=0.0, upper=1.5,
                         optional=SUPPORTED)]  # fmt: skip
