@@ -117,6 +117,10 @@ class Prediction:
     """How far the robot went within the longest horizon, in m, in the mean."""
 
 
+WINDOWS = "windows of several lengths"
+"""Where a search stands that asks how long replays may be: of other ones than what follows."""
+
+
 @dataclass(frozen=True)
 class TracePoint:
     """One step of the search, for the report's search trace."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from trueup.calibration import TracePoint
+from trueup.calibration import WINDOWS, TracePoint
 from trueup.campaign.events import Calibrated
 from trueup.commands.campaign_view import calibration_words
 from trueup.commands.progress import Watcher
@@ -53,12 +53,21 @@ def test_what_is_simulated_between_two_points_of_a_search_shows_that_it_goes_on(
     with Watcher(Console(file=shown), "m", quiet=False) as watcher:
         search = Watch(lambda point: watcher(replace(point, seconds=next(passed))))
         search.goes_on(3)  # nothing is known yet
-        search.trace.append(TracePoint("what the model lacks", 7, 1.0, 0.02, 0.0))
+        search.last = TracePoint("what the model lacks", 7, 1.0, 0.02, 0.0)
         for evaluations in (8, 20, 300, 320, 999):
             search.goes_on(evaluations)
     said = [line.split(", ")[1] for line in shown.getvalue().splitlines()]
     assert said == ["8 simulations", "300 simulations", "999 simulations"]
-    assert len(search.trace) == 1
+    assert not search.trace
+
+
+def test_errors_of_other_windows_are_not_compared() -> None:
+    """Whole replays of what stands on its feet are far off where windows of them are not."""
+    shown = io.StringIO()
+    with Watcher(Console(file=shown), "rad", quiet=False) as watch:
+        watch(TracePoint(WINDOWS, 2, 1.0, 0.04, 1.0, 12.0))
+        watch(TracePoint("all, full step", 9, 1.0, 0.002, 2.0, 12.0))
+    assert "2.00 -> 2.00 mrad over 12.0 s" in shown.getvalue().splitlines()[1]
 
 
 def test_a_campaign_shows_the_ends_of_what_is_known_and_names_what_is_not() -> None:

@@ -8,13 +8,13 @@ import math
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from trueup.calibration import TracePoint
+from trueup.calibration import WINDOWS, TracePoint
 from trueup.commands.console import tell
 from trueup.report.numbers import duration_text, scale_for
 
 # Where in the whole a stage begins and ends, from runs on arms of six joints. Refits come after the full step.
 _STAGES = {
-    "windows of several lengths": (0.0, 0.1),
+    WINDOWS: (0.0, 0.1),
     "first seconds": (0.0, 0.2),
     "all": (0.05, 0.75),
     "all, coarse step": (0.2, 0.55),
@@ -68,7 +68,7 @@ class Watcher:
 
     def __call__(self, point: TracePoint) -> None:
         """One more point of the search."""
-        if self._first is None or point.replayed != self._replayed:
+        if self._first is None or point.replayed != self._replayed or WINDOWS == self._stage != point.stage:
             self._first, self._replayed = point.rmse, point.replayed
         if (
             point.evaluations < self._evaluations

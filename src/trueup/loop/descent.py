@@ -80,20 +80,25 @@ class Watch:
     bare: Sequence[float] = ()  # (n,) values of the fit before these entered
     began: float = field(default_factory=time.perf_counter)
     trace: list[TracePoint] = field(default_factory=list)
+    last: TracePoint | None = None
 
     def saw(self, stage: str, problem: Problem, loss: float, rmse: float) -> None:
         """One more point of the search trace."""
+        self.trace.append(self.begins(stage, problem, loss, rmse))
+
+    def begins(self, stage: str, problem: Problem, loss: float, rmse: float) -> TracePoint:
+        """Reports where a search stands that is none of the trace, as one for how long its windows may be."""
         passed = time.perf_counter() - self.began
-        point = TracePoint(stage, problem.evaluations, float(loss), float(rmse), passed, problem.duration)
-        self.trace.append(point)
+        self.last = TracePoint(stage, problem.evaluations, float(loss), float(rmse), passed, problem.duration)
         if self.progress is not None:
-            self.progress(point)
+            self.progress(self.last)
+        return self.last
 
     def goes_on(self, evaluations: int) -> None:
         """Reports that more is simulated, while nothing better is known: no point of the trace."""
-        if self.progress is not None and self.trace:
+        if self.progress is not None and self.last is not None:
             passed = time.perf_counter() - self.began
-            self.progress(replace(self.trace[-1], evaluations=evaluations, seconds=passed))
+            self.progress(replace(self.last, evaluations=evaluations, seconds=passed))
 
     def aside(self) -> Watch:
         """The same for a trial, from which no interrupted search may go on."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.calibration import WINDOWS
 from trueup.loop.alike import alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import HELD, Watch
@@ -151,7 +152,7 @@ def horizon(problem: Problem, space: ParameterSpace, values: Array, watch: Watch
     looked = problem.shortened(WORTH / len(problem.trials))
     if watch is not None:
         begun = looked.residuals(values[None])[0]
-        watch.saw("windows of several lengths", looked, float(0.5 * begun @ begun), looked.rmse(begun))
+        watch.begins(WINDOWS, looked, float(0.5 * begun @ begun), looked.rmse(begun))
     lengths = _ever_shorter(looked, np.inf)
     parts = [looked if np.isinf(length) else in_windows(looked, length) for length in lengths]
     ends = np.array([alike(part, space, start) for part in parts])
