@@ -447,7 +447,9 @@ def test_usage(call: Call, words: tuple[str, ...], code: int) -> None:
 def test_recordings_that_stand_apart_are_named(call: Call) -> None:
     code, said = call("calibrate", "arm.xml", "slow.csv", "--out", "new", "fast.csv")
     assert code == 2
-    assert "'fast.csv' stands behind an option, apart: put all RECORDING arguments side by side" in " ".join(said.split())
+    assert "'fast.csv' stands behind an option, apart: put all RECORDING arguments side by side" in " ".join(
+        said.split()
+    )
     assert "'new'" not in call("calibrate", "arm.xml", "slow.csv", "--outt", "new")[1]
 
 

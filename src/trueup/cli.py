@@ -162,7 +162,9 @@ class _Parser(argparse.ArgumentParser):
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             own = self._command(getattr(found, "command", "")) or self
-            options = [word for word in unknown if word.startswith("-")]  # what stands behind one that is none is its value
+            options = [
+                word for word in unknown if word.startswith("-")
+            ]  # what stands behind one that is none is its value
             own.error("; ".join(_meant(word, own) for word in options or unknown))
         return found
 
@@ -186,7 +188,9 @@ def _meant(word: str, parser: argparse.ArgumentParser) -> str:
     """That a word is no option, and which one is near; or that it stands apart from others of its kind."""
     several = [a.metavar for a in parser._actions if not a.option_strings and a.nargs in ("+", "*")]
     if several and not word.startswith("-"):
-        return f"'{word}' stands behind an option, apart: put all {several[0]} arguments side by side, before the options"
+        return (
+            f"'{word}' stands behind an option, apart: put all {several[0]} arguments side by side, before the options"
+        )
     options = [o for action in parser._actions for o in action.option_strings]
     near = difflib.get_close_matches(word.partition("=")[0], options, n=1)
     return f"unrecognized argument: {word}" + (f" (did you mean '{near[0]}'?)" if near else "")

@@ -216,16 +216,37 @@ def _model(folder: Path, text: str) -> Model:
     return load(folder / "arm.xml")
 
 
-def test_of_an_arm_on_servos_one_share_of_all_weight_is_asked_about(tmp_path: Path) -> None:
-    (line,) = of_held_weight(_model(tmp_path, PLAIN), ["shoulder"])
-    assert (line.of, line.tie, line.nominal) == (("upper", "lower"), "all", 0.0)
+SERVOS = PLAIN.partition("<actuator>")[0] + (
+    '<actuator><position name="shoulder" joint="shoulder" kp="400"/><position name="elbow" joint="elbow" kp="200"/>'
+    "</actuator></mujoco>"
+)
+LEVEL = np.array([3 * 0.2 + 1.5 * 0.55, 1.5 * 0.15]) * 9.81  # N m
+
+
+def _rested(share: float, rng: np.random.Generator) -> Recording:
+    """Ten postures near level, each held for a second by servos of 800 and 300 N m/rad that bear that share of the weight."""
+    told = np.repeat(rng.uniform(-0.1, 0.1, (10, 2)), 100, axis=0)
+    position = told + share * LEVEL / [800.0, 300.0] + rng.normal(0.0, 1e-4, told.shape)
+    return Recording("rests", {
+        name: Channel(name, ("shoulder", "elbow"), "rad", np.linspace(0.0, 9.99, len(told)), values)
+        for name, values in (("command", told), ("position", position))
+    })  # fmt: skip
+
+
+def test_of_an_arm_on_servos_that_hardly_sags_one_share_of_all_weight_is_asked_about(tmp_path: Path) -> None:
+    arm, both, rng = _model(tmp_path, SERVOS), ["shoulder", "elbow"], np.random.default_rng(1)
+    held = [_rested(0.05, rng)]
+    (line,) = of_held_weight(arm, both, held)
+    assert (line.of, line.tie) == (("upper", "lower"), "all")
+    assert line.nominal == pytest.approx(1.0 - 0.05 * 400.0 / 800.0, abs=0.02)
     assert line.optional
-    assert not of_held_weight(_model(tmp_path, PLAIN), [])
-    assert not of_held_weight(
-        _model(tmp_path, PLAIN.replace('name="lower"', 'name="lower" gravcomp="1"')), ["shoulder"]
-    )
-    free = PLAIN.replace('<body name="upper">', '<body name="trunk"><freejoint/><geom size=".1"/><body name="upper">')
+    for sags in (1.0, 3.0):  # as the file's servos would have it by half, or by more than they
+        assert not of_held_weight(arm, both, [_rested(sags, rng)])
+    assert not of_held_weight(arm, [], held)
+    assert not of_held_weight(arm, both, [])
+    assert not of_held_weight(_model(tmp_path, SERVOS.replace('name="lower"', 'name="lower" gravcomp="1"')), both, held)
+    free = SERVOS.replace('<body name="upper">', '<body name="trunk"><freejoint/><geom size=".1"/><body name="upper">')
     free = free.replace("</worldbody>", "</body></worldbody>")
-    assert not of_held_weight(_model(tmp_path, free), ["shoulder"])
+    assert not of_held_weight(_model(tmp_path, free), both, held)
     railed = free.replace("<freejoint/>", '<joint name="rail" type="slide" axis="0 0 1"/>')
-    assert not of_held_weight(_model(tmp_path, railed), ["shoulder"])
+    assert not of_held_weight(_model(tmp_path, railed), both, held)

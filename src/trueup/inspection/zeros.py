@@ -96,7 +96,7 @@ def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnos
     """
     off: dict[str, float] = {}
     for joint in joints:
-        rests = np.concatenate([_rests(r, joint) for r in recordings] or [np.zeros(0)])
+        rests = np.concatenate([held_at(r, joint)[1] for r in recordings] or [np.zeros(0)])
         if len(rests) > 2:
             mean, error = float(rests.mean()), float(rests.std(ddof=1) / np.sqrt(len(rests)))
             if abs(mean) > STANDARD_ERRORS * error > 0.0:
@@ -110,21 +110,24 @@ def zeros_off(recordings: Sequence[Recording], joints: Sequence[str]) -> Diagnos
     )  # fmt: skip
 
 
-def _rests(recording: Recording, joint: str) -> Array:
-    """(n,) mean of position minus command over the second half of each stretch in which the command was held."""
+def held_at(recording: Recording, joint: str) -> tuple[Array, Array]:
+    """(n,) instants in the second half of each stretch in which a joint's command was held, in the midst of it, and (n,) mean
+    of position minus command over that half.
+    """
     pair = with_command(recording, joint)
     if pair is None:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     (position, told), time = pair, recording.channel("position").time
     apart = position - told
     edges = np.concatenate([[0], np.flatnonzero(np.diff(told) != 0.0) + 1, [len(told)]])
     found = []
     for first, last in itertools.pairwise(edges):
         if time[last - 1] - time[first] >= SETTLES:
-            later = apart[first:last][time[first:last] >= 0.5 * (time[first] + time[last - 1])]
-            if np.isfinite(later).any():
-                found.append(float(np.nanmean(later)))
-    return np.array(found, dtype=np.float64)
+            half = time[first:last] >= 0.5 * (time[first] + time[last - 1])
+            if np.isfinite(later := apart[first:last][half]).any():
+                found.append((float(np.mean(time[first:last][half])), float(np.nanmean(later))))
+    instants, means = np.array(found, dtype=np.float64).reshape(-1, 2).T
+    return instants, means
 
 
 def with_command(recording: Recording, joint: str) -> tuple[Array, Array] | None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,12 +14,15 @@ from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
 from trueup.engines.mujoco.setup.still import carriers
-from trueup.evidence import FEWEST_PARTS, HALVED, evidence
+from trueup.engines.mujoco.wiring import joint_id
+from trueup.evidence import FEWEST_PARTS, HALVED, STANDARD_ERRORS, evidence
+from trueup.inspection.zeros import held_at
 from trueup.recording import Recording
 from trueup.trial import command_of
 
 SUPPORTED = "weight held beside the servos"
 """Of an arm on servos: by a controller that compensates gravity, so that it does not sag as their stiffness asks."""
+_MOST = 1.5  # of the weight: a controller's own model is rarely heavier by half
 _MOTORS = ("N m", "N", "")
 """Units of what motors are told: torques, forces, and controls as they are, of which the motor's gear makes torque."""
 
@@ -36,7 +40,7 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
         return model
     told = [r for r in recordings for c in (command_of(r),) if c is not None and c.unit in _MOTORS]
     parts = known_torques(model, told)
-    weights = [_weight(model, part) for part in parts]
+    weights = [_weight(model, part.motion.position) for part in parts]
     shares = []
     for dof in range(model.compiled.nv) if parts else ():
         known = [(p, w[:, dof]) for p, w in zip(parts, weights, strict=True) if p.known[dof]]
@@ -61,26 +65,56 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     return model.changed(spec, "without the links' weight", note)
 
 
-def of_held_weight(model: Model, servos: Sequence[str]) -> list[Declaration]:
-    """The share of its weight that the controller of an arm on servos holds beside what their stiffness gives: without it,
-    servos whose arm does not sag would be as stiff as that asks, or have zeros that lift it. One for all links: a controller
-    knows them all. Not asked of a robot that hangs on what nothing drives (a rail, a boom, a free base).
+def of_held_weight(model: Model, servos: Sequence[str], recordings: Sequence[Recording]) -> list[Declaration]:
+    """The share of its weight that the controller of an arm on servos holds beside what their stiffness gives, where the arm
+    sags by less than half of what the file's servos would let it: else servos would be as stiff as that asks, or have zeros
+    that lift it. One for all links: a controller knows them all. Not asked of a robot that hangs on what nothing drives (a
+    rail, a boom, a free base).
     """
     m = model.compiled
     names = model.names("body")
     moved = tuple(names[i] for i in range(1, m.nbody) if m.body_weldid[i] and m.body_mass[i] > 0.0 and names[i])
-    if not servos or not moved or m.ngravcomp or carriers(model):
+    if not servos or not moved or m.ngravcomp or m.nq != m.nv or carriers(model):
         return []
-    return [Declaration("weight_held", moved, tie="all", name="weight_held", nominal=0.0, lower=0.0, upper=1.5,
+    share, error = _sagging(model, servos, recordings)
+    if not share + STANDARD_ERRORS * error < HALVED:
+        return []
+    held = float(np.clip(1.0 - share, 0.0, _MOST))
+    return [Declaration("weight_held", moved, tie="all", name="weight_held", nominal=held, lower=0.0, upper=_MOST,
                         optional=SUPPORTED)]  # fmt: skip
 
 
-def _weight(model: Model, part: KnownTorque) -> Array:
-    """(L, nv) torque that holds the links' weight, as the model has it."""
-    plain, still = rigid(model.compiled), np.zeros_like(part.motion.speed)
+def _sagging(model: Model, servos: Sequence[str], recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Torque that servos give where commands are held, by how far the joints are behind these, for one N m of the links'
+    weight there, and its standard error, which holds what friction and zeros do to it; no number where nothing is held.
+    """
+    m, driven = model.compiled, model.actuator_of_joint()
+    given, asked = list[Array](), list[Array]()
+    for recording, joint in itertools.product(recordings, servos):
+        instants, apart = held_at(recording, joint)
+        if len(instants):
+            known = recording.channel("position")
+            labels = [label for label in known.labels if joint_id(m, label) >= 0]
+            positions = np.tile(m.qpos0, (len(instants), 1))
+            positions[:, [joint_id(m, label) for label in labels]] = known.select(labels).at(instants)
+            asked.append(_weight(model, positions)[:, joint_id(m, joint)])
+            given.append(-float(m.actuator_gainprm[driven[joint], 0]) * apart)
+    torque, weight = (np.concatenate(x or [np.zeros(0)]) for x in (given, asked))
+    good = np.isfinite(torque) & np.isfinite(weight)
+    torque, weight = torque[good], weight[good]
+    squares = float(weight @ weight)
+    if len(weight) < FEWEST_PARTS or squares <= 0.0:
+        return np.nan, np.nan
+    share = float(torque @ weight) / squares
+    return share, float(np.sqrt(np.sum(np.square(torque - share * weight)) / (len(weight) - 1) / squares))
+
+
+def _weight(model: Model, positions: Array) -> Array:
+    """(L, nv) torque that holds the links' weight at positions (L, nv), as the model has it."""
+    plain, still = rigid(model.compiled), np.zeros_like(positions)
     weightless = plain.__copy__()
     weightless.opt.gravity[:] = 0.0
-    held, free = (inverse_dynamics(m, part.motion.position, still, still)[1] for m in (plain, weightless))
+    held, free = (inverse_dynamics(m, positions, still, still)[1] for m in (plain, weightless))
     return held - free
 
 

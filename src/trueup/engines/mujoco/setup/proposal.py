@@ -76,7 +76,7 @@ def propose(
     lines += [*_leads(servos), *_punches(model, servos), *of_sensors(model, joints, recordings)]
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, optional=LOAD))
-    lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints), *of_held_weight(model, servos)]
+    lines += [*_of_motors(model, motors), *_of_speed_servos(model, joints), *of_held_weight(model, servos, recordings)]
     if stiff:
         lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
