@@ -12,7 +12,7 @@ from trueup.calibration import WINDOWS, TracePoint
 from trueup.campaign.events import Calibrated
 from trueup.commands.campaign_view import calibration_words
 from trueup.commands.progress import Watcher
-from trueup.loop.descent import Watch
+from trueup.loop.watch import Watch
 
 
 def test_a_search_that_begins_anew_is_numbered() -> None:

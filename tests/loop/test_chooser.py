@@ -12,10 +12,11 @@ import pytest
 from trueup.arrays import Array
 from trueup.loop import chooser
 from trueup.loop.chooser import Chooser
-from trueup.loop.descent import Fit, Watch
+from trueup.loop.descent import Fit
 from trueup.loop.fit import REFINEMENT
 from trueup.loop.scans import missed
 from trueup.loop.selection import Choice
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 
 SPACE = ParameterSpace((Parameter("gain", "", 1.0, 0.0, 10.0), Parameter("limit", "", 1.0, 0.0, 10.0)))

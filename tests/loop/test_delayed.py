@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.loop.delayed import behind
-from trueup.loop.descent import Watch
 from trueup.loop.fit import DESCENT, fit
 from trueup.loop.problem import Problem
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial

@@ -17,12 +17,13 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.formats.plain import finite
 from trueup.loop.calibrate import Options
 from trueup.loop.checks import doubtful_units
-from trueup.loop.descent import Descent, Watch, last_look
+from trueup.loop.descent import Descent, last_look
 from trueup.loop.disturbed import Deviation, LeftOut, disturbed
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
 from trueup.loop.undisturbed import undisturbed
+from trueup.loop.watch import Watch
 from trueup.loop.windows import in_windows
 from trueup.recording import Channel, Recording
 

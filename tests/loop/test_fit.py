@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.evidence import explained
-from trueup.loop.descent import Descent, Look, Watch, last_look
+from trueup.loop.descent import Descent, Look, last_look
 from trueup.loop.fit import DESCENT, SEARCHES, coarsest, fit
 from trueup.loop.interior import nudge
 from trueup.loop.problem import Problem
 from trueup.loop.profiles import _held
 from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.search.least_squares import LeastSquares

@@ -17,10 +17,10 @@ from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
 from trueup.loop.alike import alike
-from trueup.loop.descent import Watch
 from trueup.loop.horizon import _spread, horizon, led_length
 from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import Problem
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
-from trueup.loop.descent import Fit, Watch
+from trueup.loop.descent import Fit
 from trueup.loop.fit import STAGES, fit
 from trueup.loop.horizon import cut_for_search
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import unit_covariance
+from trueup.loop.watch import Watch
 from trueup.loop.windows import in_windows, smooth_length, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording

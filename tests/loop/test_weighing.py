@@ -12,10 +12,10 @@ from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
-from trueup.loop.descent import Watch
 from trueup.loop.fit import REFINEMENT, SEARCHES, fit
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
+from trueup.loop.watch import Watch
 from trueup.loop.weighing import Weighed, _Place, axes_of, curvature_of, design
 from trueup.loop.windows import in_windows
 from trueup.parameters import Parameter, ParameterSpace

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.loop.descent import HELD, Descent, Look, Watch
+from trueup.loop.descent import HELD, Descent, Look
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import Problem
 from trueup.loop.segment import labelled
+from trueup.loop.watch import Watch
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.loop.descent import SETTLED, Watch
+from trueup.loop.descent import SETTLED
 from trueup.loop.problem import Problem
+from trueup.loop.watch import Watch
 from trueup.loop.whole_runs import BEND
 from trueup.parameters import ParameterSpace
 from trueup.rounding import TINY

@@ -16,7 +16,7 @@ from trueup.inspection.outstanding import NAME
 from trueup.loop.alike import all_alike
 from trueup.loop.apart import GLANCE
 from trueup.loop.delayed import delays
-from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
+from trueup.loop.descent import Descent, Fit, Select
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
 from trueup.loop.interior import nudge
@@ -44,6 +44,7 @@ from trueup.loop.stages import (
 )
 from trueup.loop.undisturbed import undisturbed
 from trueup.loop.untold import asked_again
+from trueup.loop.watch import Checkpoint, Progress, Watch
 from trueup.loop.weighing import weighing
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares

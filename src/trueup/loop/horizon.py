@@ -9,12 +9,13 @@ from trueup.arrays import Array
 from trueup.calibration import WINDOWS
 from trueup.loop.alike import alike
 from trueup.loop.apart import GLANCE
-from trueup.loop.descent import HELD, Watch
+from trueup.loop.descent import HELD
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.lengthening import lengthened
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import SHORTEST, Starts
 from trueup.loop.start_errors import with_start_errors
+from trueup.loop.watch import Watch
 from trueup.loop.windows import (
     GROWN,
     LOUD,

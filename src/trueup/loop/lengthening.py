@@ -7,9 +7,10 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import explained
-from trueup.loop.descent import Descent, Look, Watch
+from trueup.loop.descent import Descent, Look
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import LONGER, SHORTEST
+from trueup.loop.watch import Watch
 from trueup.loop.windows import in_windows, window_length
 from trueup.parameters import ParameterSpace
 

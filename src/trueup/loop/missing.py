@@ -19,7 +19,7 @@ from trueup.calibration import Lacked
 from trueup.engines.simulator import CONTACTS, Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import EXCERPT, Evidence, explained
-from trueup.loop.descent import Fit, Watch
+from trueup.loop.descent import Fit
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, STAGES, Stage, fit
 from trueup.loop.problem import WORTH, Problem
@@ -28,6 +28,7 @@ from trueup.loop.selection import compared
 from trueup.loop.since import Known, since
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
+from trueup.loop.watch import Watch
 from trueup.loop.windows import carried
 from trueup.parameters import Parameter, ParameterSpace
 

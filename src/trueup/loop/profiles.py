@@ -14,13 +14,14 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.evidence import explained
-from trueup.loop.descent import Descent, Fit, Look, Watch, last_look
+from trueup.loop.descent import Descent, Fit, Look, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss, settling
+from trueup.loop.watch import Watch
 from trueup.loop.windows import carried
 
 _APART = 0.05

@@ -17,9 +17,10 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence, explained
 from trueup.loop.apart import Part, parts_of
-from trueup.loop.descent import Descent, Fit, Look, Watch
+from trueup.loop.descent import Descent, Fit, Look
 from trueup.loop.selection import compared, elsewhere, verdict
 from trueup.loop.validate import foretold, settled_loss
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
 
