@@ -147,3 +147,19 @@ def test_times_of_day_are_a_clock(tmp_path: Path, zone: str) -> None:
     stamps = [f"2026-03-04T23:59:59.98{zone}", f"2026-03-04T23:59:59.99{zone}", f"2026-03-05T00:00:00{zone}"]
     position = read(tmp_path / "log.json", [{"stamp": t, "position": 1.0} for t in stamps]).channel("position")
     assert position.time - position.time[0] == pytest.approx([0.0, 0.01, 0.02])
+
+
+def test_names_that_stand_above_lists_in_every_line_are_those_of_the_joints(tmp_path: Path) -> None:
+    lines = [
+        {
+            "t": t,
+            "names": ["hip", "knee"],
+            "modes": ["pos", "pos"],
+            "cmd": {"q": [3 * t, t]},
+            "state": {"q": [t, 2 * t]},
+        }
+        for t in TIMES
+    ]
+    recording = read(tmp_path / "log.jsonl", "\n".join(json.dumps(line) for line in lines))
+    assert recording.channel("position").labels == recording.channel("command").labels == ("hip", "knee")
+    assert recording.channel("command").column("hip") == pytest.approx([3 * t for t in TIMES])

@@ -121,6 +121,15 @@ def test_units_and_names_that_hdf5_declares_are_kept_and_pictures_left_alone(tmp
     assert recording.channel("command").labels == ("hip", "knee", "ankle")
 
 
+def test_names_that_a_group_declares_are_those_of_its_joints(tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "log", {"robot": {"time": T, "joint_pos": Q, "joint_pos_target": TOLD}})
+    with h5py.File(path, "a") as file:
+        file["robot"].attrs["names"] = ["left", "right"]  # of cameras
+        file["robot"].attrs["joint_names"] = ["hip", "knee", "ankle"]
+    (recording,) = formats.read(path)
+    assert recording.channel("position").labels == recording.channel("command").labels == ("hip", "knee", "ankle")
+
+
 def test_rows_with_named_fields_and_data_frames_are_columns(tmp_path: Path) -> None:
     rows = np.zeros(60, dtype=[("t", "f8"), ("pos_hip", "f8"), ("cmd_hip", "f8")])
     rows["t"], rows["pos_hip"], rows["cmd_hip"] = T, Q[:, 0], TOLD[:, 0]

@@ -45,7 +45,6 @@ def _with_named_lists(entry: Mapping[str, Any], depth: int = 0) -> dict[str, Any
     """
     named = {key: value for key, value in entry.items() if are_names(key, value)}
     made: dict[str, Any] = {}
-    beside: set[str] = set()
     for key, value in entry.items():
         by = next((n for n in named if isinstance(value, list) and n != key and len(named[n]) == len(value)), None)
         if isinstance(value, dict) and depth < 20:
@@ -53,11 +52,10 @@ def _with_named_lists(entry: Mapping[str, Any], depth: int = 0) -> dict[str, Any
         elif depth < 20 and isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
             made |= {f"{key}{part}": _with_named_lists(each, depth + 1) for part, each in _by_part(value)}
         elif by is not None and key not in named:
-            beside.add(by)
             made |= {f"{key}/{name}": each for name, each in zip(named[by], value, strict=True)}
         else:
             made[key] = value
-    return {key: value for key, value in made.items() if key not in beside}
+    return made
 
 
 def _by_part(objects: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -82,6 +80,16 @@ def are_names(key: str, value: Any) -> bool:
     """Whether these are names of joints beside their signals: distinct words, whose key says so."""
     words = isinstance(value, list) and bool(value) and all(isinstance(entry, str) for entry in value)
     return words and len(set(value)) == len(value) and bool(NAMES & set(split_words(key)))
+
+
+def apart_from_names(columns: Mapping[str, list[Any]]) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
+    """(the names of joints, the columns without lists of names): those that every entry repeats, also above what they name
+    ({"names": [...], "state": {"q": [...]}}); () where entries or lists say others, or none.
+    """
+    said = {key: [cell for cell in cells if cell] for key, cells in columns.items()}
+    lists = {key: cells for key, cells in said.items() if cells and are_names(key.rpartition(".")[2], cells[0])}
+    names = {tuple(map(str, cell)) for cells in lists.values() for cell in cells if isinstance(cell, list)}
+    return names.pop() if len(names) == 1 else (), {k: cells for k, cells in columns.items() if k not in lists}
 
 
 def flat(data: Mapping[str, Any], prefix: str = "", depth: int = 0) -> dict[str, Any]:

@@ -38,6 +38,8 @@ def groups(path: Path) -> Tree:
 
 def _tree(group: Any, h5py: Any) -> Tree:
     tree = Tree({name: Leaf(np.asarray(value)) for name, value in group.attrs.items() if _plain(value)})
+    named = {key: _texts(group.attrs[key]) for key in _NAMES if key in group.attrs}
+    tree.leaves.update({key: Leaf(np.array(texts)) for key, texts in named.items() if len(texts) > 1})
     for name in group:
         if name == "#refs#" or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue

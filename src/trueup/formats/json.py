@@ -10,7 +10,7 @@ from typing import Any
 
 from trueup import files
 from trueup.errors import FormatError
-from trueup.formats.entries import NAMES, columns_of, flat, from_entries
+from trueup.formats.entries import NAMES, apart_from_names, columns_of, flat, from_entries
 from trueup.formats.rules.names import words as split_words
 from trueup.formats.table import Table, shown
 
@@ -24,12 +24,12 @@ def read(path: Path) -> Table:
     if not text.strip():
         raise FormatError(f"{path} is empty")
     data, warnings = _parse(text, path)
-    found = _find(data, path)
+    labels, found = apart_from_names(_find(data, path))
     columns, words = columns_of(found, str(path), warnings)
     if not columns:
         raise FormatError(f"{path}: no numbers found in its {len(found)} {'keys' if found else 'entries'}")
     metadata = _facts(data) if isinstance(data, dict) else {}
-    labels = _names(data) if isinstance(data, dict) else ()
+    labels = labels or (_names(data) if isinstance(data, dict) else ())
     return Table(path.name, str(path), columns, words, labels=labels, row_word="entry", metadata=metadata,
                  warnings=tuple(warnings))  # fmt: skip
 

@@ -20,7 +20,7 @@ from trueup.arrays import Array
 from trueup.errors import FormatError, OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.dates import parse_clock
-from trueup.formats.entries import columns_of, from_entries
+from trueup.formats.entries import apart_from_names, columns_of, from_entries
 from trueup.formats.table import Table, listing, numbers
 from trueup.recording import Channel, Recording
 from trueup.units import size_of
@@ -118,7 +118,8 @@ def _foreign(table: pa.Table, path: Path) -> Table:
     columns, words, notes = dict[str, Array](), dict[str, list[str]](), list[str]()
     nested, table = _by_name(table)
     for prefix, samples in nested.items():
-        found, said = columns_of(from_entries(samples, path, prefix), str(path), notes)
+        _, cells = apart_from_names(from_entries(samples, path, prefix))
+        found, said = columns_of(cells, str(path), notes)
         columns |= {f"{prefix}{name}": values for name, values in found.items()}
         words |= {f"{prefix}{name}": values for name, values in said.items()}
     for name in dict.fromkeys(table.column_names):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeGuard
 
 import numpy as np
 
@@ -83,9 +84,10 @@ def unique_names(names: Sequence[str]) -> list[str]:
 def numbers(cells: Sequence[object], where: str, row_word: str, first: int = 1) -> Array | list[str]:
     """(T,) or (T, k) floats from cells that hold numbers, lists of numbers, or nothing (None -> NaN).
 
-    Returns the cells as text where most of them are words. Raises FormatError for a word among numbers, and for lists
-    of different lengths; the message names the cell.
+    Returns the cells as text where most of them are words or lists of words. Raises FormatError for a word among numbers,
+    and for lists of different lengths; the message names the cell.
     """
+    cells = [" ".join(cell) if _are_words(cell) else cell for cell in cells]
     words = [i for i, cell in enumerate(cells) if isinstance(cell, str)]
     filled = sum(cell is not None for cell in cells)
     if words and len(words) * 2 > filled:
@@ -123,6 +125,10 @@ def _row(cell: object, width: int) -> float | list[float] | None:
         return None
     entries = [_number(entry) for entry in cell]
     return None if any(entry is None for entry in entries) else [entry for entry in entries if entry is not None]
+
+
+def _are_words(cell: object) -> TypeGuard[Sequence[str]]:
+    return isinstance(cell, (list, tuple)) and bool(cell) and all(isinstance(entry, str) for entry in cell)
 
 
 def _number(cell: object) -> float | None:

@@ -89,6 +89,8 @@ def table_of(leaves: Mapping[str, Leaf], name: str, path: str) -> Table:
         if values.ndim == 2 and len(leaves[key].names) == values.shape[1]
     }  # fmt: skip
     said = set(named.values())
+    wide = {values.shape[1] for values in columns.values() if values.ndim == 2}
+    words.sort(key=lambda array: array.size not in wide)  # cameras have names too
     labels = tuple(str(label) for label in words[0]) if words else said.pop() if len(said) == 1 else ()
     units = {key: leaves[key].unit for key in columns if leaves[key].unit}
     return Table(name, path, columns, units=units, labels=labels, named=named, row_word="sample", metadata=facts,
