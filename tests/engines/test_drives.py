@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -13,6 +14,7 @@ from trueup.arrays import Array
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
+from trueup.engines.mujoco.wiring import is_speed_servo
 from trueup.engines.mujoco.writing.notes import about_masses
 from trueup.errors import ModelError, RecordingError
 from trueup.loop.calibrate import Options, calibrate
@@ -407,6 +409,23 @@ def test_wheels_on_legs_are_told_speeds_beside_positions_of_the_other_joints(apa
     simulator, trial = MujocoSimulator(load(path), step=0.002), Trial.of(ready.recordings[0], ["position"])
     (found,) = simulator.rollout([trial], np.zeros((1, 0)))
     assert np.abs(found.channels["position"][0] - run.channel("position").values).max() < 0.02
+
+
+@pytest.mark.parametrize("drive", ["velocity", "position", ""])
+def test_joints_told_speeds_have_servos_of_speed_beside_those_told_positions(drive: str, tmp_path: Path) -> None:
+    """Where the file has no drives, joints that were told speeds were left without any, and the speeds without a word."""
+    path, bare = tmp_path / "leg.xml", tmp_path / "bare.xml"
+    path.write_text(_LEG)
+    other = _LEG.replace("<velocity", f"<{drive}").replace('kv="0.1"', "")
+    bare.write_text(other if drive else re.sub(r"<actuator>.*</actuator>", "", _LEG, flags=re.DOTALL))
+    run = _rolling(path)
+    command = run.channel("command")
+    speeds = command.select(["wheel"]).replace(name="command_velocity", unit="rad/s")
+    ready = prepare(bare, [run.with_channel(command.select(["knee"])).with_channel(speeds)])
+    assert isinstance(ready.simulator, MujocoSimulator)
+    compiled = ready.simulator.model.compiled
+    assert [is_speed_servo(compiled, compiled.actuator(n).id) for n in ("knee", "wheel")] == [False, True]
+    assert [ready.recordings[0].channel("command").unit_of(x) for x in ("knee", "wheel")] == ["rad", "rad/s"]
 
 
 @pytest.mark.parametrize("apart", [True, False])

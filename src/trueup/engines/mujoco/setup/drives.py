@@ -50,39 +50,46 @@ def driven(model: Model, recordings: Sequence[Recording]) -> Model:
     ]
     if not commands:
         return model
-    bare, torques, speeds = (not model.compiled.nactuator, *(commands[0].unit in u for u in (_TORQUE, _SPEED)))
-    told = {x: c.unit_of(x) in _SPEED for c in commands for x in c.labels if c.unit_of(x) not in _TORQUE}
+    told: dict[str, str] = {}
+    for command in commands:
+        told = {x: command.unit_of(x) for x in command.labels} | told
+    bare = not model.compiled.nactuator
     if bare:
-        wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
+        wanted = {j: told[j] for j in model.scalar_joints() if j in told}
     else:
-        wanted = [] if torques else _otherwise_driven(model, told)
-    if not wanted:
+        wanted = {} if commands[0].unit in _TORQUE else _otherwise_driven(model, told)
+    kinds = {kind: [j for j, unit in wanted.items() if unit in kind] for kind in (_POSITION, _SPEED, _TORQUE)}
+    kinds = {kind: joints for kind, joints in kinds.items() if joints}
+    if not kinds:
         return model
     spec = model.spec.copy()
-    if torques:
-        _add_motors(spec, wanted)
-    else:
-        (add_speed_servos if speeds else add_servos)(spec, model, wanted, recordings)
-    said = _note(wanted, bare=bare, torques=torques) if not speeds else _said_of_speeds(wanted, bare=bare)
+    for kind, joints in kinds.items():
+        if kind == _TORQUE:
+            _add_motors(spec, joints)
+        else:
+            (add_speed_servos if kind == _SPEED else add_servos)(spec, model, joints, recordings)
+    said = "; ".join((_said_of_speeds if kind == _SPEED else _note)(kinds[kind], bare, kind) for kind in kinds)
     return model.changed(spec, "with actuators added", said)
 
 
-def _said_of_speeds(joints: Sequence[str], *, bare: bool) -> str:
+def _said_of_speeds(joints: Sequence[str], bare: bool, _: Sequence[str]) -> str:
     why = "the model has no actuators, and the recordings command speeds: servos of speed were added" if bare else (
         "the recordings command speeds, which the model's drives do not take: servos of speed took their place"
     )  # fmt: skip
     return f"{why}, whose gain stands for the controller in the robot ({', '.join(joints)})"
 
 
-def _note(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
+def _note(joints: Sequence[str], bare: bool, kind: Sequence[str]) -> str:
     where = f"({', '.join(joints)})"
     if not bare:
         return (
             "the recordings command positions, which drives of the model do not take: position servos took their place, "
             f"whose stiffness and damping stand for the controller in the robot {where}"
         )
-    kind = "motors" if torques else "position servos (stiffness and damping to start from: 5 Hz, no overshoot)"
-    return f"the model has no actuators: {kind} were added for the commanded joints {where}"
+    drives = (
+        "motors" if kind == _TORQUE else "position servos (stiffness and damping to start from: 5 Hz, no overshoot)"
+    )
+    return f"the model has no actuators: {drives} were added for the commanded joints {where}"
 
 
 def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
@@ -92,17 +99,17 @@ def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
         actuator.set_to_motor()
 
 
-def _otherwise_driven(model: Model, told: Mapping[str, bool]) -> list[str]:
-    """Joints that are commanded, under their name or their drive's, what such a drive does not take: positions, or speeds.
-    `told`: whether it is speeds.
+def _otherwise_driven(model: Model, told: Mapping[str, str]) -> dict[str, str]:
+    """Joints that are commanded, under their name or their drive's, what such a drive does not take, positions or speeds,
+    with the unit of that. `told`: units by label.
     """
     names = model.names("actuator")
-    return [
-        joint
+    return {
+        joint: told[label]
         for joint, i in model.actuator_of_joint().items()
-        for label in dict.fromkeys((joint, names[i]))
-        if label in told and not takes(model.compiled, i, speeds=told[label])
-    ]
+        for label in (names[i], joint)
+        if told.get(label, _TORQUE[0]) not in _TORQUE and not takes(model.compiled, i, speeds=told[label] in _SPEED)
+    }
 
 
 def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = False) -> list[str]:

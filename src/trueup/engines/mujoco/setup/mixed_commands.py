@@ -47,9 +47,11 @@ def _drives(model: Model) -> dict[str, int]:
 
 def _together(model: Model, recording: Recording) -> Recording:
     """Positions of some drives and speeds or torques of others that were commanded, as one command, where the drives take
-    them. Torques of motors whose positions were commanded as well are another matter (`drives.suited`).
+    them, or nothing else says what these did and the model has no drives, or is given others for speeds (`drives.driven`).
+    Torques of motors whose positions were commanded as well are another matter (`drives.suited`).
     """
     drives = _drives(model)
+    bare = set(model.scalar_joints()) if not model.compiled.nactuator else set[str]()
     for kind, units in (("velocity", SPEED), ("torque", TORQUE)):
         channels = [recording.channel(n) for n in COMMANDS if recording.has(n)]
         positions = next((c for c in channels if c.unit in SPEED), None)
@@ -57,7 +59,11 @@ def _together(model: Model, recording: Recording) -> Recording:
         if positions is None or told is None:
             continue
         takes = is_speed_servo if kind == "velocity" else is_motor
-        taken = [x for x in told.labels if x in drives and takes(model.compiled, drives[x])]
+        given = bare | set(drives) if kind == "velocity" else bare if told.unit else set()
+        taken = [
+            x for x in told.labels
+            if (x in drives and takes(model.compiled, drives[x])) or (x in given and x not in positions.labels)
+        ]  # fmt: skip
         others = [x for x in positions.labels if x not in taken]
         motors = [x for x in others if x in drives and is_motor(model.compiled, drives[x])]
         if not taken or (kind == "torque" and (motors or len(others) < len(positions.labels))):
