@@ -112,10 +112,12 @@ def test_a_full_disk_leaves_the_old_file(model: Model, tmp_path: Path, monkeypat
 def test_slides_have_units_of_force_and_bounds_that_their_drives_could_hold(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(
         """<mujoco><worldbody><body><joint name="x" type="slide"/><geom size=".1" mass="8"/>
-        <body><joint name="c"/><geom size=".05" mass="1"/></body></body></worldbody>
-        <actuator><position joint="x" name="X" kp="4000"/><position joint="c" name="C" kp="5"/></actuator></mujoco>"""
+        <body><joint name="c"/><geom size=".05" mass="1"/></body></body>
+        <body><joint name="belt" type="slide"/><geom size=".1" mass="2"/></body></worldbody>
+        <actuator><position joint="x" name="X" kp="4000"/><position joint="c" name="C" kp="5"/>
+        <velocity joint="belt" kv="60"/></actuator></mujoco>"""
     )
-    lines = [Declaration("kp"), Declaration("friction"), Declaration("armature")]
+    lines = [Declaration("kp", ("X", "C")), Declaration("friction"), Declaration("armature")]
     space, _ = declare(load(tmp_path / "m.xml"), lines)
     units = {p.name: p.unit for p in space.parameters}
     assert (units["X.kp"], units["x.friction"], units["x.armature"]) == ("N/m", "N", "kg")
@@ -124,3 +126,4 @@ def test_slides_have_units_of_force_and_bounds_that_their_drives_could_hold(tmp_
     assert upper["x.friction"] == pytest.approx(80.0)
     assert upper["x.armature"] == pytest.approx(180.0)
     assert upper["c.friction"] == pytest.approx(2.5)
+    assert upper["belt.friction"] == pytest.approx(38.0, rel=0.02)  # a servo of speed holds, too

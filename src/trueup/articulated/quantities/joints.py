@@ -24,14 +24,23 @@ def _servo_force(model: Model, joint: str, hinge: float, slide: float) -> float:
     return away * float(model.get("actuator.kp", actuator)[0])
 
 
+def _driven(model: Model, joint: str, hinge: float, slide: float) -> float:
+    """The same, of a servo of speed too: as one of position that moves as much as fast (`BANDWIDTH`)."""
+    if (force := _servo_force(model, joint, hinge, slide)) or not (actuator := model.drives().get(joint, "")):
+        return force
+    gain, damping = (float(model.get(f"actuator.{name}", actuator)[0]) for name in ("kp", "kv"))
+    away = slide if model.get("joint.slides", joint)[0] else hinge
+    return away * BANDWIDTH * gain if gain == damping else 0.0  # force = gain * (command - speed)
+
+
 def _held(model: Model, joint: str) -> float:
     """Friction that the servo would hold against with 0.1 rad or 0.02 m of error."""
-    return _servo_force(model, joint, 0.1, 0.02)
+    return _driven(model, joint, 0.1, 0.02)
 
 
 def _lagging(model: Model, joint: str) -> float:
     """Damping with which the joint would follow its servo with a lag of half a second."""
-    return _servo_force(model, joint, 0.5, 0.5)
+    return _driven(model, joint, 0.5, 0.5)
 
 
 _GEARED, _SCREWED = 5.0, 20.0
