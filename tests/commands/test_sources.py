@@ -64,3 +64,20 @@ def test_a_mapping_that_another_log_left_in_the_folder_says_what_to_do_with_it(
     with pytest.raises(MappingError) as named:
         given(args)
     assert "in this folder" not in str(named.value)
+
+
+def test_a_log_of_other_columns_that_is_held_out_is_guessed_and_cut_as_those_that_are_fitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    args = asked(tmp_path, "day_1/run/log.csv", hold_out=["test.csv"])
+    monkeypatch.chdir(tmp_path)
+    Path("mapping.toml").write_text(
+        '[time]\ncolumn = "time"\n[channels.position]\ncolumns = ["pos_a"]\n', encoding="utf-8"
+    )
+    rows = [f"{0.1 * k:.1f},{k % 3},{k % 5},{int(k < 12)}\n" for k in range(20)]
+    Path("test.csv").write_text("stamp,a_pos,a_cmd,torque_enable\n" + "".join(rows), encoding="utf-8")
+    fitted, (held,), notes = given(args)
+    assert [r.name for r in fitted] == ["log"]
+    assert held.channel("position").labels == ("a",)
+    assert held.stop == pytest.approx(1.1)
+    assert "mapping.toml names no column of test.csv: theirs are guessed" in notes

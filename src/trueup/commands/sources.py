@@ -119,26 +119,27 @@ def given(
     mapping, more = mapping_for(args.mapping)
     joints = joint_names(args.model) if getattr(args, "model", None) else ()
 
-    def mapped(paths: Sequence[Path]) -> Mapped:
-        return (
-            mapping if rated is None else rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
-        )
+    def loaded(paths: Sequence[Path]) -> list[Recording]:
+        columns: Mapped = mapping
+        if rated is not None:
+            columns = rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
+        found, others = recordings_in(paths, columns, told, named=args.mapping is not None, joints=joints)
+        found, off = while_driven(found) if driven else (found, [])
+        more.extend([*others, *off])
+        return found
 
-    recordings, others = recordings_in(paths, mapped(paths), told, named=args.mapping is not None, joints=joints)
-    recordings, off = while_driven(recordings) if driven else (recordings, [])
     held = getattr(args, "hold_out", ()) if hold_out is None else hold_out
-    training, kept = split(recordings, held, mapped, joints)
-    return training, kept, [*notes, *more, *others, *off]
+    training, kept = split(loaded(paths), held, loaded)
+    return training, kept, [*notes, *more]
 
 
 def split(
     recordings: Sequence[Recording],
     hold_out: Sequence[str],
-    mapped: Callable[[Sequence[Path]], Mapped],
-    joints: Sequence[str] | None = (),
+    loaded: Callable[[Sequence[Path]], list[Recording]],
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths; of a
-    share in percent the ends of those that are fitted. `mapped` says how further paths are read.
+    share in percent the ends of those that are fitted. `loaded` reads further paths.
 
     Raises UnknownNameError for what is none of these, RecordingError for a share that leaves nothing.
     """
@@ -147,7 +148,7 @@ def split(
     for entry in (e for e in hold_out if not SHARE.fullmatch(e)):
         found = [r for r in (*recordings, *held) if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
         if not found and Path(entry).exists():
-            found = read([Path(entry)], mapped([Path(entry)]), joints)
+            found = loaded([Path(entry)])
         if not found:
             raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
         held += [r for r in found if all(r is not h for h in held)]
