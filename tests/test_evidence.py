@@ -41,6 +41,7 @@ def test_one_block_or_a_failed_replay_is_no_evidence() -> None:
         (-np.log(6.0), np.log(1.5), "higher by a factor of 6 (standard error 50 %)"),
         (0.0, np.inf, "lower by 0 % (nothing tells how sure that is)"),
         (np.inf, np.inf, "without bound"),
+        (-4e-16, 1e-15, "the same"),
     ],
 )
 def test_evidence_is_said_in_words_that_are_true_at_any_size(gain: float, error: float, said: str) -> None:

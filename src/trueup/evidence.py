@@ -46,9 +46,13 @@ class Evidence:
         return self.holds and self.gain > -np.log(HALVED)
 
     def in_words(self) -> str:
-        """What becomes of left-out errors with the structure: "lower by 18 % (standard error 5 %)", or by a factor of 13."""
+        """What becomes of left-out errors with the structure: "lower by 18 % (standard error 5 %)", or by a factor of 13;
+        "the same" where rounding alone tells them apart.
+        """
         if not np.isfinite(self.gain):
             return "without bound"
+        if max(abs(self.gain), self.standard_error) <= ROUNDED:
+            return "the same"
         size = float(np.exp(abs(self.gain)))
         if size >= 1.0 / HALVED:
             change = f"by a factor of {size:.2g}"
