@@ -25,10 +25,15 @@ def _servo_force(model: Model, joint: str, hinge: float, slide: float) -> float:
 
 
 def _driven(model: Model, joint: str, hinge: float, slide: float) -> float:
-    """The same, of a servo of speed too: as one of position that moves as much as fast (`BANDWIDTH`)."""
+    """The same, of a servo of speed too: as one of position that moves as much as fast (`BANDWIDTH`). 0 where an engine
+    knows no servos.
+    """
     if (force := _servo_force(model, joint, hinge, slide)) or not (actuator := model.drives().get(joint, "")):
         return force
-    gain, damping = (float(model.get(f"actuator.{name}", actuator)[0]) for name in ("kp", "kv"))
+    try:
+        gain, damping = (float(model.get(f"actuator.{name}", actuator)[0]) for name in ("kp", "kv"))
+    except UnknownNameError:
+        return 0.0
     away = slide if model.get("joint.slides", joint)[0] else hinge
     return away * BANDWIDTH * gain if gain == damping else 0.0  # force = gain * (command - speed)
 
