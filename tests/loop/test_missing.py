@@ -83,6 +83,10 @@ def test_recordings_of_more_than_a_minute_are_asked_what_is_missing_where_that_i
     quick = calibrated(tmp_path, GEAR, time=long)
     assert not quick.lacking
     assert any("60 s long" in note or "62 s long" in note for note in quick.notes)
+    rotor = next(e for e in quick.estimates if e.name.endswith("armature"))
+    assert abs(rotor.value - TRUTH["armature"]) > 0.2 * TRUTH["armature"], "the case shows nothing otherwise"
+    assert rotor.verdict == "effective"
+    assert "identified" not in {e.verdict for e in quick.estimates}
     assert "gear" in calibrated(tmp_path, GEAR, time=long, lacking=True).lacking
 
 

@@ -25,7 +25,7 @@ from trueup.loop.checks import check, doubtful_units
 from trueup.loop.chooser import Chooser
 from trueup.loop.disturbed import LeftOut, deviations_in, disturbed
 from trueup.loop.earlier import Earlier
-from trueup.loop.estimates import estimated, judged_at_last, with_structure, with_ties
+from trueup.loop.estimates import as_unasked, estimated, judged_at_last, with_structure, with_ties
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.held import held_open
 from trueup.loop.horizon import cut_for_search
@@ -249,7 +249,7 @@ def _findings(
         told = with_logged(told, problem.simulator, found.values, problem.recordings)
     return {
         "model_name": problem.simulator.name,
-        "estimates": of_several(told, several),
+        "estimates": of_several(as_unasked(told, unasked), several),
         "covariance": _in_units(found, covariance),
         "nuisance": nuisance(owed),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),

@@ -86,6 +86,15 @@ def with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> tu
     return tuple(rows)
 
 
+def as_unasked(estimates: Sequence[Estimate], unasked: Sequence[str]) -> tuple[Estimate, ...]:
+    """With the word for values that may stand for what the model lacks, where errors beyond noise are left and it was not
+    asked what that is, as `unasked` says (see `missing.unasked_by`).
+    """
+    note = "replays best; what the model lacks, for which it may stand, was not asked (--lacking)"
+    hangs = {"identified"} if unasked else set[str]()
+    return tuple(replace(e, verdict="effective", note=note) if e.verdict in hangs else e for e in estimates)
+
+
 def with_ties(
     estimates: Sequence[Estimate], others: Sequence[Considered], limits: Mapping[str, Seen], declared: ParameterSpace
 ) -> tuple[Estimate, ...]:

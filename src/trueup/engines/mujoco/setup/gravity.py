@@ -18,6 +18,7 @@ from trueup.engines.mujoco.wiring import joint_id
 from trueup.evidence import FEWEST_PARTS, HALVED, STANDARD_ERRORS, evidence
 from trueup.inspection.zeros import held_at
 from trueup.recording import Recording
+from trueup.rounding import ROUNDED
 from trueup.trial import command_of
 
 SUPPORTED = "weight held beside the servos"
@@ -100,10 +101,12 @@ def _sagging(model: Model, servos: Sequence[str], recordings: Sequence[Recording
             asked.append(_weight(model, positions)[:, joint_id(m, joint)])
             given.append(-float(m.actuator_gainprm[driven[joint], 0]) * apart)
     torque, weight = (np.concatenate(x or [np.zeros(0)]) for x in (given, asked))
-    good = np.isfinite(torque) & np.isfinite(weight)
+    # Joints that bear none of it, as those of a level stage, tell nothing.
+    borne = np.abs(weight) > ROUNDED * float(m.body_mass.sum()) * float(np.linalg.norm(m.opt.gravity))
+    good = np.isfinite(torque) & borne
     torque, weight = torque[good], weight[good]
     squares = float(weight @ weight)
-    if len(weight) < FEWEST_PARTS or squares <= 0.0:
+    if len(weight) < FEWEST_PARTS:
         return np.nan, np.nan
     share = float(torque @ weight) / squares
     return share, float(np.sqrt(np.sum(np.square(torque - share * weight)) / (len(weight) - 1) / squares))
