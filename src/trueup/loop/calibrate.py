@@ -37,7 +37,6 @@ from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.rivals import doubted, rivals, widened
 from trueup.loop.selection import Choice
-from trueup.loop.step_errors import coarse
 from trueup.loop.ties import considered, nuisance
 from trueup.loop.uncertainty import as_wide_as_seen, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
@@ -253,7 +252,7 @@ def _findings(
         "covariance": _in_units(found, covariance),
         "nuisance": nuisance(owed),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (*cut, found.ended, *notes, *coarse(owed), *masses),
+        "notes": (*cut, found.ended, *notes, *masses),
         "lacking": lacking.words() if lacking else "",
         "lacked": lacking.lacked(p.name for p in found.space.parameters if not p.frozen) if lacking else None,
     }  # fmt: skip

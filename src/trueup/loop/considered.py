@@ -22,7 +22,6 @@ _APART = math.cbrt(ROUNDED)
 """Share of its value or range by which a quantity is moved to both sides: where what rounding leaves of the difference, and
 what it bends, are as small together as can be (W. Press et al., Numerical Recipes, 2007, 5.7)."""
 STEP = "step of the simulation"
-COARSE = "the errors that are left are no larger than what a step of {:.3g} ms makes in such motion"
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,6 @@ class Considered:
     """By how much the negative logarithm of the likelihood grows for that unit."""
     calibrated: bool = False
     """Whether it was asked for, and stays open all the same."""
-    unresolved: bool = False
-    """Of the step: whether it makes as much as is left of the errors, whatever the estimates are."""
 
     def reach(self, trade: float) -> tuple[float, float]:
         """How far down and up an estimate with that trade may be moved by it; both are positive."""
@@ -58,8 +55,6 @@ class Considered:
     def words(self, e: Estimate, trade: float) -> str:
         """What is seen of an estimate, as far as its own interval tells, and where the rest is."""
         p, size = self.parameter, abs(trade)
-        if self.unresolved:
-            return f"{COARSE.format(1e3 * p.nominal)}, whatever the values; a finer --step tells more"
         if p.name == STEP and self.high > p.nominal:
             return (
                 f"known to {1e3 * p.nominal:.3g} ms only, a step of the simulation: what a jump does, it does there wherever "

@@ -116,11 +116,8 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int, p: Param
     # The error of a step is no draw about zero: the whole of it comes on top of what is drawn.
     down, up = np.array([down, up]) + np.sum(reaches[steps], axis=0)
     width = e.high - e.low
-    unresolved = next((o for o in others if o.unresolved), None)
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
     ruled = width < HALVED * (wide.high - wide.low) or (_rough(wide, p) is not None and _rough(e, p) is None)
-    if e.verdict in ("identified", "weak") and unresolved is not None:
-        return replace(wide, verdict=unresolved.verdict, note=unresolved.words(e, 0.0))
     if e.verdict not in ("identified", "weak") or not ruled:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What estimates owe to the step of the simulation, and whether it makes all that is left of the errors."""
+"""What estimates owe to the step of the simulation."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from trueup.arrays import Array
-from trueup.evidence import explained
-from trueup.loop.considered import COARSE, STEP, Considered, Slopes, slopes_of
+from trueup.loop.considered import STEP, Considered, Slopes, slopes_of
 from trueup.loop.descent import Fit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
@@ -32,14 +31,9 @@ def of_step(problem: Problem, fit: Fit, slopes: Slopes, settled: Sequence[int]) 
         return []
     slope = (own - finer) / (0.5 * step)
     _, left, pull = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
-    settle, apart = _settled(twin, fit, direct, own, finer)
-    moved = settle - fit.values[fit.space.free]
+    moved = _settled(twin, fit, direct, own, finer) - fit.values[fit.space.free]
     whole = np.where(np.isin(np.arange(len(slopes.units)), settled), moved, 0.0)
-    errors, made = (np.sqrt(robust_weights(own, fit.bend)) * x for x in (own, (apart - own) / 0.5))
-    # What replays begin from was corrected for this step: where noise is all that is left, a finer one is worse for that.
-    unresolved = not explained(errors) and float(made @ made) >= float(errors @ errors)
-    parameter, trade = Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step)
-    return [Considered(parameter, trade, 0.0, step, left, pull, unresolved=unresolved)]
+    return [Considered(Parameter(STEP, "s", step, 0.0, step), -whole / (0.5 * step), 0.0, step, left, pull)]
 
 
 def of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Considered]:
@@ -59,19 +53,18 @@ def of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Consid
     return found
 
 
-def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -> tuple[Array, Array]:
+def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -> Array:
     """(n_free,) values at which the `twin` of a problem pulls as little as the problem does at the fit, where it leaves its
-    `own` residuals (m,) and the twin `finer` ones, and what (m,) the twin leaves there: a deferred correction (H. J. Stetter,
-    Numerische Mathematik 29, 1978), by the `direct` slopes (n_free, m) of the problem's own step, for as long as there is
-    more than chance to correct, and ever less, in no more replays than slopes take. It goes by values: to what is next to
-    nothing a logarithm leads no way.
+    `own` residuals (m,) and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by
+    the `direct` slopes (n_free, m) of the problem's own step, for as long as there is more than chance to correct, and ever
+    less, in no more replays than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
     """
     lower, upper = np.array([(p.lower, p.upper) for p in fit.space.parameters if not p.frozen]).T
     weights = robust_weights(own, fit.bend)
     boxed = direct * (upper - lower)[:, None]
     curvature = (boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed))
     root, chance = np.linalg.cholesky(curvature), float(np.mean(weights * own**2))
-    values, found, there, before = fit.values.copy(), fit.values[fit.space.free], finer, np.inf
+    values, found, before = fit.values.copy(), fit.values[fit.space.free], np.inf
     for _ in range(2 * len(boxed)):
         at, pull = (values[fit.space.free] - lower) / (upper - lower), boxed @ (weights * (finer - own))
         within = np.maximum(-at, -FORETOLD), np.minimum(1.0 - at, FORETOLD)
@@ -79,17 +72,11 @@ def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -
         left = gain(curvature, pull, step)
         if not left < before:
             break
-        found, there = values[fit.space.free], finer
+        found = values[fit.space.free]
         if left < chance:
             break
         before, values[fit.space.free] = left, np.clip(found + (upper - lower) * step, lower, upper)
         finer = twin.residuals(values[None])[0]
         if not np.isfinite(finer).all():
             break
-    return found, there
-
-
-def coarse(others: Sequence[Considered]) -> tuple[str, ...]:
-    """A note where the step makes as much as is left of the errors."""
-    steps = [1e3 * o.parameter.nominal for o in others if o.unresolved]
-    return tuple(f"{COARSE.format(s)}: a finer one may replay the robot better (--step {5e-4 * s:.3g})" for s in steps)
+    return found
