@@ -162,9 +162,8 @@ class _Parser(argparse.ArgumentParser):
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             own = self._command(getattr(found, "command", "")) or self
-            options = [
-                word for word in unknown if word.startswith("-")
-            ]  # what stands behind one that is none is its value
+            # What stands behind an option that is none is its value.
+            options = [word for word in unknown if word.startswith("-")]
             own.error("; ".join(_meant(word, own) for word in options or unknown))
         return found
 

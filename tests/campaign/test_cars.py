@@ -34,8 +34,9 @@ from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import PlanError
 from trueup.formats import read
-from trueup.loop.fit import STAGES, Watch, fit
+from trueup.loop.fit import STAGES, fit
 from trueup.loop.problem import Problem
+from trueup.loop.watch import Watch
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial

@@ -18,9 +18,10 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import CalibrationError
 from trueup.loop.calibrate import Options, _searched, calibrate
-from trueup.loop.fit import DESCENT, Watch, fit
+from trueup.loop.fit import DESCENT, fit
 from trueup.loop.problem import Problem
 from trueup.loop.recalibrate import Earlier, recalibrate
+from trueup.loop.watch import Watch
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.loop.estimates import estimated, with_ties
-from trueup.loop.fit import Watch, fit
+from trueup.loop.fit import fit
 from trueup.loop.held import _Slopes, held_open
 from trueup.loop.problem import Problem
 from trueup.loop.ties import considered
 from trueup.loop.uncertainty import unit_covariance
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.search.bounded_step import corrected

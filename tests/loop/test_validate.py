@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
-from trueup.loop.fit import Watch, fit
+from trueup.loop.fit import fit
 from trueup.loop.problem import Problem
 from trueup.loop.validate import (
     block_errors,
@@ -20,6 +20,7 @@ from trueup.loop.validate import (
     left_out_errors,
     left_out_points,
 )
+from trueup.loop.watch import Watch
 from trueup.loop.windows import in_windows
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording, part_of

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.fit import DESCENT, Watch, fit
+from trueup.loop.fit import DESCENT, fit
 from trueup.loop.problem import Problem
+from trueup.loop.watch import Watch
 from trueup.loop.wide import widened
 from trueup.recording import Channel, Recording
 from trueup.search.robust import robust_losses

@@ -38,8 +38,6 @@ class Declaration:
     """What to call the parameter of a tied group; the names of its members joined by '+' if None."""
     optional: str = ""
     """A structure that is kept only if it lowers the error on left-out recordings ("servo zero")."""
-    absent: float | None = None
-    """The value with which it is as if there were none of it, where the quantity does not say: see `Parameter.absent`."""
 
 
 def declare(
@@ -201,8 +199,7 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
         name=label if label == q.name else f"{label}.{q.name}", unit=q.unit_at(model, group[0]), nominal=nominal,
         lower=lower, upper=upper, scale=scale, frozen=line.frozen, shown_by=q.shown_by,
         source="declared" if line.nominal is not None else "model", optional=line.optional,
-        absent=q.nothing if line.absent is None else line.absent,
-        vanishes=unsigned and (lower == 0.0 or (line.nominal is line.lower is None and not values[0])),
+        absent=q.nothing, vanishes=unsigned and (lower == 0.0 or (line.nominal is line.lower is None and not values[0])),
     )  # fmt: skip
     return parameter, Assignment(q, group, signs)
 

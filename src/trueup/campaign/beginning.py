@@ -49,9 +49,8 @@ def begun_with(recordings: Sequence[Recording], past: Sequence[Event], say: Call
     if not known:
         return list(recordings)
     same = {r.name for r in recordings if known.get(r.name) == _sums(r)}
-    moved = Counter(
-        sums for name, sums in known.items() if name not in same
-    )  # names of one file change with its neighbours'
+    # Names of one file change with its neighbours'.
+    moved = Counter(sums for name, sums in known.items() if name not in same)
     kept, others = list[Recording](), list[str]()
     for recording in recordings:
         here = recording.name in same

@@ -52,10 +52,8 @@ def gathered(
                 recording = recording.replace(provenance={**recording.provenance, APART: own})
         changed.append(recording)
     said = "; ".join(f"{', '.join(names)} from {name}" for name, names in told.items())
-    guessed = f"; nothing says the unit of {', '.join(unsaid)}, which is taken as SI" if unsaid else ""
-    return changed, [
-        f"joints that were logged apart from the others are read with these: {said}{guessed}"
-    ] if told else []
+    said += f"; nothing says the unit of {', '.join(unsaid)}, which is taken as SI" if unsaid else ""
+    return changed, [f"joints that were logged apart from the others are read with these: {said}"] if told else []
 
 
 def seen_apart(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -72,10 +70,9 @@ def _by_labels(channel: Channel, joints: Collection[str]) -> str:
 def _unit_unsaid(channel: Channel, more: Sequence[str], main: Channel) -> bool:
     """Whether nobody said the unit of these columns, and numbers do not speak against that of the others."""
     largest = float(np.nanmax(np.abs(channel.select(more).values), initial=0.0))
-    sized = main.unit in {unit for units in _ALIKE for unit in units} and not (
-        main.unit == "rad" and hardly_radians(largest)
-    )
-    return not channel.unit and not channel.units and sized
+    if channel.unit or channel.units or not any(main.unit in units for units in _ALIKE):
+        return False
+    return main.unit != "rad" or not hardly_radians(largest)
 
 
 def _joined(main: Channel, other: Channel, *, filled: bool) -> Channel:

@@ -26,7 +26,7 @@ from trueup.loop.chooser import Chooser
 from trueup.loop.disturbed import LeftOut, deviations_in, disturbed
 from trueup.loop.earlier import Earlier
 from trueup.loop.estimates import as_unasked, estimated, judged_at_last, with_structure, with_ties
-from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
+from trueup.loop.fit import Fit, Stage, fit, searched_by
 from trueup.loop.held import held_open
 from trueup.loop.horizon import cut_for_search
 from trueup.loop.identifiability import unseen_directions, verdicts
@@ -41,6 +41,7 @@ from trueup.loop.ties import considered, nuisance
 from trueup.loop.uncertainty import as_wide_as_seen, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
+from trueup.loop.watch import Checkpoint, Progress, Watch
 from trueup.parameters import ParameterSpace
 from trueup.proportion import proportion_of
 from trueup.recording import PART_OF, Recording

@@ -11,11 +11,12 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.descent import Fit, descended
-from trueup.loop.fit import REFINEMENT, SHIPPED, Stage, Watch, fit
+from trueup.loop.fit import REFINEMENT, SHIPPED, Stage, fit
 from trueup.loop.problem import Problem
 from trueup.loop.scans import missed
 from trueup.loop.selection import Choice, choose, kept_notes, proof, shallow, untold
 from trueup.loop.uncertainty import unit_covariance
+from trueup.loop.watch import Watch
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
 

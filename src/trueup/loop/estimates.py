@@ -91,8 +91,9 @@ def as_unasked(estimates: Sequence[Estimate], unasked: Sequence[str]) -> tuple[E
     asked what that is, as `unasked` says (see `missing.unasked_by`).
     """
     note = "replays best; what the model lacks, for which it may stand, was not asked (--lacking)"
-    hangs = {"identified"} if unasked else set[str]()
-    return tuple(replace(e, verdict="effective", note=note) if e.verdict in hangs else e for e in estimates)
+    return tuple(
+        replace(e, verdict="effective", note=note) if unasked and e.verdict == "identified" else e for e in estimates
+    )
 
 
 def with_ties(

@@ -25,9 +25,9 @@ from trueup.errors import CalibrationError
 from trueup.evidence import half_interval
 from trueup.inspection.repeats import BASE
 from trueup.loop.checks import check
-from trueup.loop.fit import Progress
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
+from trueup.loop.watch import Progress
 from trueup.loop.whole_runs import WholeRuns, whole_body, whole_runs
 from trueup.loop.worth import SAMPLES, Choice, slopes, worth_calibrating
 from trueup.parameters import ParameterSpace

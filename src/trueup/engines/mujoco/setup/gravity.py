@@ -23,7 +23,6 @@ from trueup.trial import command_of
 
 SUPPORTED = "weight held beside the servos"
 """Of an arm on servos: by a controller that compensates gravity, so that it does not sag as their stiffness asks."""
-_MOST = 1.5  # of the weight: a controller's own model is rarely heavier by half
 _MOTORS = ("N m", "N", "")
 """Units of what motors are told: torques, forces, and controls as they are, of which the motor's gear makes torque."""
 
@@ -80,9 +79,10 @@ def of_held_weight(model: Model, servos: Sequence[str], recordings: Sequence[Rec
     share, error = _sagging(model, servos, recordings)
     if not share + STANDARD_ERRORS * error < HALVED:
         return []
-    held = float(np.clip(1.0 - share, 0.0, _MOST))
-    return [Declaration("weight_held", moved, tie="all", name="weight_held", nominal=held, lower=0.0, upper=_MOST,
-                        optional=SUPPORTED)]  # fmt: skip
+    held = min(1.0 - share, 1.0)  # what seems to be lifted beyond its weight is a zero
+    return [
+        Declaration("weight_held", moved, tie="all", name="weight_held", nominal=held, lower=0.0, optional=SUPPORTED)
+    ]
 
 
 def _sagging(model: Model, servos: Sequence[str], recordings: Sequence[Recording]) -> tuple[float, float]:
