@@ -28,13 +28,12 @@ from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.disturbed import deviations_in, disturbed
 from trueup.loop.earlier import Earlier
-from trueup.loop.fit import searched_by
+from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
 from trueup.loop.pushed import pushed
 from trueup.loop.recalibrate import recalibrate
 from trueup.loop.replay import replays
 from trueup.loop.restricted import Restricted
-from trueup.loop.watch import Checkpoint, Progress
 from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.parameters import ParameterSpace

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.declarations import Declaration
+from trueup.articulated.quantities.known import quantity
 from trueup.engines.mujoco.lone.loads import inverse_dynamics, rigid
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_drive, pushes
@@ -79,10 +80,10 @@ def of_held_weight(model: Model, servos: Sequence[str], recordings: Sequence[Rec
     share, error = _sagging(model, servos, recordings)
     if not share + STANDARD_ERRORS * error < HALVED:
         return []
-    held = min(1.0 - share, 1.0)  # what seems to be lifted beyond its weight is a zero
-    return [
-        Declaration("weight_held", moved, tie="all", name="weight_held", nominal=held, lower=0.0, optional=SUPPORTED)
-    ]
+    most = quantity("weight_held").bounds(1.0)[1]
+    # It begins at none, which is what the arm is replayed with where it is left out.
+    return [Declaration("weight_held", moved, tie="all", name="weight_held", nominal=0.0, lower=0.0, upper=most,
+                        optional=SUPPORTED)]  # fmt: skip
 
 
 def _sagging(model: Model, servos: Sequence[str], recordings: Sequence[Recording]) -> tuple[float, float]:
