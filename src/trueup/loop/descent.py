@@ -113,12 +113,14 @@ class Descent:
 
     def descend(
         self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
-        impatient: bool = False,
+        impatient: bool = False, wanted: float = np.inf,
     ) -> LeastSquares:  # fmt: skip
-        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`."""
+        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`. It ends early where slopes
+        promise no loss below what is `wanted`.
+        """
         slopes = self._at_hand(look)
         search, self.near, self._slopes = self._begun(look, nudge, confirm), None, None
-        search.impatient = impatient
+        search.impatient, search.wanted = impatient, wanted
         if saved is not None:
             search.resume(saved)
         elif slopes is not None:

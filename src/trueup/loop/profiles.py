@@ -23,9 +23,11 @@ from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss, settling
 from trueup.loop.watch import Watch
 from trueup.loop.windows import carried
+from trueup.parameters import ParameterSpace
 
 _APART = 0.05
 """Share of a limit's range between the places at which its profile is looked at."""
+_TOGETHER = 4  # places at once: that is what cores have to do side by side
 
 
 def profiles(run: Run) -> None:
@@ -48,7 +50,9 @@ def profiles(run: Run) -> None:
         if p.unit == "s" and p.scale != "log":
             width = run.look.problem.simulator.step / (p.upper - p.lower)
             if _rough(run, k, width):
-                _along_profile(run, k, max(0.5 * run.descent.point[k], width), width)
+                reach = min(run.profiled.get(p.name, np.inf), 0.5 * run.descent.point[k])
+                _along_profile(run, k, max(reach, width), width)
+                run.profiled[p.name] = width
         elif is_limit(p) and not run.later:
             _where_promised(run, k)
 
@@ -61,23 +65,49 @@ def _rough(run: Run, k: int, width: float) -> bool:
     return unexplained(around, residuals, run.descent.finished(run.look).jacobian) >= ROUGH
 
 
-def _promising(problem: Problem, found: Fit, k: int, least: float) -> list[Array]:
+def _promising(problem: Problem, found: Fit, k: int) -> list[Array]:
     """Points (n_free,) with the limit `k` of the free parameters elsewhere, anywhere down or up (from one that is not met it
     may be far to one that is), and the others where slopes foretell that they settle: the best of either side, if its loss is
-    foretold to be below `least`.
+    foretold to be lower by more than chance than where the others settle around the limit as it is.
     """
-    others, points = np.delete(np.arange(len(found.unit)), k), []
-    steps = np.arange(_APART, 1.0, _APART)
-    for places in (np.clip(found.unit[k] - steps, 0.0, 1.0), np.clip(found.unit[k] + steps, 0.0, 1.0)):
+    here = problem.residuals(found.space.from_unit(found.unit[None]))[0]
+    least = settled_loss(found, np.delete(np.arange(len(found.unit)), k), here) - problem.chance(found.residual)
+    at, steps = found.unit[k], np.arange(_APART, 1.0, _APART)
+    best = []
+    for places in (np.unique(np.maximum(at - steps, 0.0))[::-1], np.unique(np.minimum(at + steps, 1.0))):
         rows = np.repeat(found.unit[None], len(places), axis=0)
         rows[:, k] = places
-        residuals = problem.residuals(found.space.from_unit(rows))
+        best.append(_outward(problem, found, k, _met(problem, found.space, rows[places != at], here)))
+    return [point for loss, point in sorted(best, key=lambda p: p[0]) if loss < least]
+
+
+def _outward(problem: Problem, found: Fit, k: int, rows: Array) -> tuple[float, Array]:
+    """The lowest loss among points (b, n_free), with a limit ever further out and the others where they settle, and where
+    these do; some are looked at at once, as long as it falls: further out ever more of what is asked for is beyond the limit.
+    """
+    others, lowest, point = np.delete(np.arange(len(found.unit)), k), np.inf, found.unit
+    for first in range(0, len(rows), _TOGETHER):
+        some = rows[first : first + _TOGETHER]
+        residuals = problem.residuals(found.space.from_unit(some))
         losses = [settled_loss(found, others, residual) for residual in residuals]
         best = int(np.argmin(losses))
-        if losses[best] < least and places[best] != found.unit[k]:
-            rows[best, others] = np.clip(rows[best, others] + settling(found, others, residuals[best])[2], 0.0, 1.0)
-            points.append((losses[best], rows[best]))
-    return [point for _, point in sorted(points, key=lambda p: p[0])]
+        if losses[best] >= lowest:
+            break
+        lowest, point = losses[best], some[best].copy()
+        point[others] = np.clip(point[others] + settling(found, others, residuals[best])[2], 0.0, 1.0)
+    return lowest, point
+
+
+def _met(problem: Problem, space: ParameterSpace, rows: Array, here: Array) -> Array:
+    """Those of points (b, n_free), with a limit ever further from where it is, that replay otherwise than `here` (m,): up to
+    there the limit is not met, at the last place or here, and a bisection takes less than the replays between.
+    """
+    first, last = 0, len(rows)
+    while first < last:
+        middle = (first + last) // 2
+        same = np.array_equal(problem.residuals(space.from_unit(rows[middle : middle + 1]))[0], here)
+        first, last = (middle + 1, last) if same else (first, middle)
+    return rows[first:]
 
 
 def _where_promised(run: Run, k: int) -> None:
@@ -90,8 +120,8 @@ def _where_promised(run: Run, k: int) -> None:
         found = run.descent.finished(run.look)
         least = found.loss - problem.chance(found.residual)
         tried = (
-            _held(replace(run.descent, point=point), look, k, float(point[k]))
-            for point in _promising(problem, found, k, least)
+            _held(replace(run.descent, point=point), look, k, float(point[k]), least)
+            for point in _promising(problem, found, k)
         )
         lower = next((held for held in tried if held.loss < least), None)
         run.from_there(None if lower is None else lower.point)
@@ -106,7 +136,7 @@ def _along_profile(run: Run, k: int, reach: float, width: float) -> None:
     while reach >= 0.5 * width:
         places = np.clip(best.place + np.array([-reach, reach]), 0.0, 1.0)
         tried = [
-            _held(replace(descent, point=best.point), look, k, place)
+            _held(replace(descent, point=best.point), look, k, place, best.loss - worth)
             for place in places.tolist()
             if place != best.place
         ]
@@ -129,8 +159,10 @@ class _Held:
     loss: float
 
 
-def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
-    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box."""
+def _held(descent: Descent, look: Look, k: int, place: float, wanted: float = np.inf) -> _Held:
+    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box, as long as
+    slopes promise a loss below what is `wanted`.
+    """
     free = [p.name for p in descent.space.parameters if not p.frozen]
     if len(free) == 1:
         return _Held(place, np.array([place]), np.inf)
@@ -141,7 +173,7 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
     known = descent.search.jacobian if descent.search is not None else None
     if known is not None and known.shape == (look.problem.segments[-1].columns.stop, len(free)):
         others.take_up(np.delete(known, k, axis=1))  # those of a place near by, corrected by what steps show
-    found = others.descend(look, confirm=False)
+    found = others.descend(look, confirm=False, wanted=wanted)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 
 

@@ -52,6 +52,8 @@ class Run:
     """Corrections of measured starts, where an earlier fit has made some."""
     early: Array | None = None  # (n,) values to which the first look led
     short: Array | None = None  # (n,) values that replay the first part of the recordings to its noise, if any do
+    profiled: dict[str, float] = field(default_factory=dict)
+    """To what share of the box the profiles of parameters were followed, by name."""
     untold: Mapping[str, Parameter] = field(default_factory=dict)
     """What was frozen because the recordings did not tell it, as declared, by name."""
     notes: list[str] = field(default_factory=list)

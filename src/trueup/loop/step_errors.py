@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from trueup.arrays import Array
-from trueup.loop.considered import STEP, Considered, Slopes, slopes_of
+from trueup.loop.considered import STEP, Considered, Slopes
 from trueup.loop.descent import Fit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
@@ -20,13 +20,14 @@ from trueup.search.robust import robust_weights
 from trueup.verdicts import PRIOR
 
 
-def of_step(problem: Problem, fit: Fit, slopes: Slopes, settled: Sequence[int]) -> list[Considered]:
+def of_step(problem: Problem, fit: Fit, slopes: Slopes, direct: Array, settled: Sequence[int]) -> list[Considered]:
     """What estimates owe to the step: the errors of one step after the other add up to one that grows with it (E. Hairer,
-    S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 1993, II.3).
+    S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 1993, II.3). `direct` (n_free, m): `slopes` by
+    values in their units, of a step that may be coarser.
     """
     step = problem.simulator.step
-    twin, ((direct, _), own) = problem.at_step(0.5 * step), slopes_of(problem, fit, (), ())
-    finer = twin.residuals(fit.values[None])[0]
+    twin = problem.at_step(0.5 * step)
+    own, finer = (p.residuals(fit.values[None])[0] for p in (problem, twin))
     if not np.isfinite(finer).all() or not np.isfinite(direct).all():
         return []
     slope = (own - finer) / (0.5 * step)
@@ -56,7 +57,7 @@ def of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Consid
 def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -> Array:
     """(n_free,) values at which the `twin` of a problem pulls as little as the problem does at the fit, where it leaves its
     `own` residuals (m,) and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by
-    the `direct` slopes (n_free, m) of the problem's own step, for as long as there is more than chance to correct, and ever
+    the `direct` slopes (n_free, m), for as long as there is more than chance to correct, and ever
     less, in no more replays than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
     """
     lower, upper = np.array([(p.lower, p.upper) for p in fit.space.parameters if not p.frozen]).T

@@ -49,6 +49,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array, untold: Collection
     slopes, residual = slopes_of(
         wider if fit.coarse_step is None else wider.at_step(fit.coarse_step), fit, beside, more
     )
+    direct = slopes[0, : len(free)].copy()
     slopes[:, : len(free)] *= units[:, None]
     seen = Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():
@@ -65,7 +66,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array, untold: Collection
             if not p.identifiable:
                 low, high = _within_bounds(p, trade, fit)
             found.append(Considered(p, trade, low, high, left, pull, calibrated=k < len(free)))
-    return (*found, *of_step(part, fit, seen, settled), *of_stairs(problem, fit, settled))
+    return (*found, *of_step(part, fit, seen, direct, settled), *of_stairs(problem, fit, settled))
 
 
 def _within_bounds(p: Parameter, trade: Array, fit: Fit) -> tuple[float, float]:

@@ -42,6 +42,9 @@ class LeastSquares:
     """Batches of steps in a row without any descent after which it ends."""
     impatient: bool = False
     """Ends as stuck once new slopes have given little of what they promised: a crack in the loss holds it."""
+    wanted: float = np.inf
+    """Ends once new slopes promise no loss below it, were they to give `hope` times what they do: a trial that cannot win."""
+    hope: float = 3.0
     share: float = 2e-3
     """With `worth`: a gain above this share of the loss is never negligible."""
     least_damping: float = 1e-9
@@ -169,6 +172,8 @@ class LeastSquares:
             self._done = "converged: no step promises a gain that noise would not give"
         elif self.impatient and self.best[1] > self._enough:
             self._done = "stopped creeping along a crack in the loss"
+        elif self.best[1] - self.hope * promise > self.wanted:
+            self._done = "stopped where slopes promise too little"
         self._enough = self.best[1] - self.creep * promise
 
     def _bend_and_lowest(self, base: Array) -> None:
