@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.kernels import limited_commands
 from trueup.controllers.playback import Playback
+from trueup.discrepancies.weighted import Weighted
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options
 from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare
+from trueup.loop.problem import Problem
+from trueup.loop.profiles import met_beyond
 from trueup.recording import Channel, Recording
 from trueup.trial import Observed, Trial
 
@@ -114,3 +117,22 @@ def test_a_drive_takes_a_controllers_commands_as_it_takes_recorded_ones(tmp_path
     np.testing.assert_allclose(asked.channels["position"], recorded.channels["position"], atol=1e-6)
     plain = MujocoSimulator(load(path)).rollout([trial], np.zeros((1, 0)))[0]
     assert np.abs(asked.channels["position"] - plain.channels["position"]).max() > 0.1
+
+
+def test_a_limit_that_is_not_met_is_looked_at_where_it_would_be_alone(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(_ARM.replace('kv="2"', 'kv="2" forcerange="-60 60"'))
+    log, model = _steps("jumps", (0.0, 0.3, -0.2), 2.0, 8.0), load(file)
+    space, quantities = declare(model, [Declaration(n, ("m",)) for n in ("kp", "force_limit")], {})
+    problem = Problem(MujocoSimulator(model, space, quantities), [log], Weighted.estimated([log], ["position"]))
+    point, k = np.clip(space.to_unit(space.nominal), 0.0, 1.0), space.index("m.force_limit")
+    places = np.linspace(point[k], 0.0, 20)[1:]
+    rows = np.repeat(point[None], len(places), axis=0)
+    rows[:, k] = places
+    every, here = problem.residuals(space.from_unit(rows)), problem.residuals(space.from_unit(point[None]))[0]
+    other = [not np.array_equal(r, here) for r in every]
+    assert 0 < sum(other) < len(other), "at some of these places it is met"
+    before = problem.evaluations
+    met = met_beyond(problem, space, rows, here)
+    assert np.array_equal(met[:, k], places[other])
+    assert problem.evaluations - before <= 6

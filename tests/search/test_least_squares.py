@@ -95,6 +95,22 @@ def test_a_bent_valley_is_followed_with_few_new_slopes() -> None:
     assert columns <= 15  # by descent alone it takes above forty
 
 
+def test_a_trial_ends_where_slopes_promise_no_loss_as_low_as_is_wanted() -> None:
+    # Rosenbrock's valley beside a residual that stays: no place has a loss below 2
+    def residual(x: Array) -> Array:
+        a, b = x / 0.6
+        return np.array([10 * (b - a * a), 1 - a, 2.0])
+
+    ended = {}
+    for wanted in (np.inf, 2.5, 1.9):
+        search = LeastSquares(np.array([0.1, 0.9]), np.zeros(2), robust=np.inf, tolerance=1e-10, reuse=0, wanted=wanted)
+        solve(search, residual)
+        ended[wanted] = search.iteration, search.best[1]
+    assert ended[2.5] == ended[np.inf], "a trial that may win is not cut short"
+    assert ended[1.9][0] < ended[np.inf][0]
+    assert ended[1.9][1] > 2.0
+
+
 def test_a_place_that_differs_by_rounding_when_seen_again_is_the_end_not_a_circle() -> None:
     # rows of a larger batch are summed in another order: seen again, the lowest place seems a last digit higher
     steps = np.linspace(1.0, 2.0, 40)

@@ -25,6 +25,7 @@ from trueup.loop.uncertainty import FORETOLD, INEXACT
 from trueup.parameters import Parameter
 from trueup.rounding import ROUNDED
 from trueup.search.bounded_step import damped_step, gain
+from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 from trueup.verdicts import vague
 
@@ -146,13 +147,15 @@ class _Along:
             row[fit.space.free], row[i] = fit.space.from_unit(at)[fit.space.free], size
             residual = fit.residual + (yield row[None].copy())[0] - self.begun
             seen.append((float(self._more((residual - fit.residual)[None])[0]), at))
-            if not np.isfinite(residual).all() or seen[-1][0] <= 0.0:
-                break
+            lowest = min(more for more, _ in seen)
+            if not np.isfinite(residual).all() or lowest <= 0.0 or (lowest <= self.open and seen[-1][0] > lowest):
+                break  # open it is, and slopes lead no further
             if before is not None and moved.any():
                 slopes.correct(before, moved, residual)
             step = damped_step(slopes.curvature, slopes.pull(residual), INEXACT, at)
             after = np.clip(at + np.clip(step, -FORETOLD, FORETOLD), 0.0, 1.0)
-            if gain(slopes.curvature, slopes.pull(residual), after - at) < _NEAR * self.open:
+            promise = gain(slopes.curvature, slopes.pull(residual), after - at)
+            if promise < _NEAR * self.open or seen[-1][0] - LeastSquares.hope * promise > self.open:
                 break
             before, moved, at = residual, after - at, after
         return min(seen, key=lambda look: look[0])

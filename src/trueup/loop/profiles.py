@@ -72,12 +72,13 @@ def _promising(problem: Problem, found: Fit, k: int) -> list[Array]:
     """
     here = problem.residuals(found.space.from_unit(found.unit[None]))[0]
     least = settled_loss(found, np.delete(np.arange(len(found.unit)), k), here) - problem.chance(found.residual)
-    at, steps = found.unit[k], np.arange(_APART, 1.0, _APART)
-    best = []
-    for places in (np.unique(np.maximum(at - steps, 0.0))[::-1], np.unique(np.minimum(at + steps, 1.0))):
+    away, best = np.arange(_APART, 1.0, _APART), []
+    for side in (-away, away):
+        places = np.clip(found.unit[k] + side, 0.0, 1.0)
+        places = places[np.append(True, np.diff(places) != 0.0)]
         rows = np.repeat(found.unit[None], len(places), axis=0)
         rows[:, k] = places
-        best.append(_outward(problem, found, k, _met(problem, found.space, rows[places != at], here)))
+        best.append(_outward(problem, found, k, met_beyond(problem, found.space, rows, here)))
     return [point for loss, point in sorted(best, key=lambda p: p[0]) if loss < least]
 
 
@@ -98,15 +99,18 @@ def _outward(problem: Problem, found: Fit, k: int, rows: Array) -> tuple[float, 
     return lowest, point
 
 
-def _met(problem: Problem, space: ParameterSpace, rows: Array, here: Array) -> Array:
-    """Those of points (b, n_free), with a limit ever further from where it is, that replay otherwise than `here` (m,): up to
-    there the limit is not met, at the last place or here, and a bisection takes less than the replays between.
+def met_beyond(problem: Problem, space: ParameterSpace, rows: Array, here: Array) -> Array:
+    """Those of points (b, n_free), with a limit ever further out, that replay otherwise than it does `here` (m,): up to there
+    it is not met. A bisection takes less than the replays between.
     """
-    first, last = 0, len(rows)
+
+    def same(k: int) -> bool:
+        return np.array_equal(problem.residuals(space.from_unit(rows[[k]]))[0], here)
+
+    first, last = (len(rows), len(rows)) if same(-1) else (0, len(rows) - 1)
     while first < last:
         middle = (first + last) // 2
-        same = np.array_equal(problem.residuals(space.from_unit(rows[middle : middle + 1]))[0], here)
-        first, last = (middle + 1, last) if same else (first, middle)
+        first, last = (middle + 1, last) if same(middle) else (first, middle)
     return rows[first:]
 
 

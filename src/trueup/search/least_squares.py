@@ -149,11 +149,8 @@ class LeastSquares:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another number of parameters."""
-        self.point, self.loss, self.iteration = (
-            saved_point(state, self.point),
-            float(state["loss"]),
-            int(state["iteration"]),
-        )
+        self.point, self.loss = saved_point(state, self.point), float(state["loss"])
+        self.iteration = int(state["iteration"])
         self._damping, self._stale = float(state["damping"]), int(state["stale"])
         self._short, self._done = int(state["short"]), str(state["done"])
 
