@@ -18,7 +18,7 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.evidence import half_interval
 from trueup.loop.descent import Fit
-from trueup.loop.limits import SHARES
+from trueup.loop.limits import SHARES, is_limit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.rivals import Rival
 from trueup.loop.uncertainty import FORETOLD, INEXACT
@@ -38,7 +38,7 @@ _NEAR = 0.1
 def held_open(problem: Problem, fit: Fit, untold: Sequence[Parameter], covariance: Array) -> tuple[Rival, ...]:
     """What the frozen parameters `untold` (as declared) might be in truth, and those that are free and yet nowhere by their
     `covariance` (n_free, n_free) in the unit box; and how far that moves each estimate. Nothing for long recordings, as for
-    structures (`rivals`).
+    structures (`rivals`). Limits that no recording met are told by where they would be met (`limits.py`).
     """
     if problem.duration > WORTH:
         return ()
@@ -49,7 +49,7 @@ def held_open(problem: Problem, fit: Fit, untold: Sequence[Parameter], covarianc
     free = (p for p in fit.space.parameters if not p.frozen)
     spreads = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     loose = [p for p, s in zip(free, spreads, strict=True) if vague(s) and p.absent is None]
-    return along.rivals((*untold, *loose))
+    return along.rivals((*(p for p in untold if not is_limit(p)), *loose))
 
 
 _Walk = Generator[Array, Array, list[Array]]

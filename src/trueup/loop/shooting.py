@@ -14,6 +14,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.shoot import LONGER, SHORTEST, Ahead, Starts
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import start_scatter, unit_covariance
+from trueup.loop.windows import carried
 from trueup.search.robust import robust_losses
 
 
@@ -91,7 +92,7 @@ def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
             found = descent.descend(replace(last_look(begun, begun), tolerance=5.0, most=15, last=False))
             # The first instants of a contact tell so little of friction that a step may leave it where a foot sticks, from
             # where no slope leads back when a longer part shows that it slides.
-            lower = along_axes(begun, descent.space, found, begun) if wide else None
+            lower = along_axes(begun, descent.space, found, begun) if wide and carried(run.problem) else None
             if lower is not None:
                 descent.move(lower)
             values = descent.space.from_unit(descent.point)
