@@ -152,9 +152,10 @@ class _Along:
                 break  # open it is, and slopes lead no further
             if before is not None and moved.any():
                 slopes.correct(before, moved, residual)
-            step = damped_step(slopes.curvature, slopes.pull(residual), INEXACT, at)
+            pull = slopes.pull(residual)
+            step = damped_step(slopes.curvature, pull, INEXACT, at)
             after = np.clip(at + np.clip(step, -FORETOLD, FORETOLD), 0.0, 1.0)
-            promise = gain(slopes.curvature, slopes.pull(residual), after - at)
+            promise = gain(slopes.curvature, pull, after - at)
             if promise < _NEAR * self.open or seen[-1][0] - LeastSquares.hope * promise > self.open:
                 break
             before, moved, at = residual, after - at, after

@@ -27,7 +27,7 @@ from trueup.parameters import ParameterSpace
 
 _APART = 0.05
 """Share of a limit's range between the places at which its profile is looked at."""
-_TOGETHER = 4  # places at once: that is what cores have to do side by side
+_TOGETHER = 4  # places that are simulated at once, and among which a loss may rise and fall again
 
 
 def profiles(run: Run) -> None:

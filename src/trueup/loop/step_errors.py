@@ -57,8 +57,8 @@ def of_stairs(problem: Problem, fit: Fit, settled: Sequence[int]) -> list[Consid
 def _settled(twin: Problem, fit: Fit, direct: Array, own: Array, finer: Array) -> Array:
     """(n_free,) values at which the `twin` of a problem pulls as little as the problem does at the fit, where it leaves its
     `own` residuals (m,) and the twin `finer` ones: a deferred correction (H. J. Stetter, Numerische Mathematik 29, 1978), by
-    the `direct` slopes (n_free, m), for as long as there is more than chance to correct, and ever
-    less, in no more replays than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
+    the `direct` slopes (n_free, m), for as long as there is more than chance to correct, and ever less, in no more replays
+    than slopes take. It goes by values: to what is next to nothing a logarithm leads no way.
     """
     lower, upper = np.array([(p.lower, p.upper) for p in fit.space.parameters if not p.frozen]).T
     weights = robust_weights(own, fit.bend)

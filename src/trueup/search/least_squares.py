@@ -44,7 +44,7 @@ class LeastSquares:
     """Ends as stuck once new slopes have given little of what they promised: a crack in the loss holds it."""
     wanted: float = np.inf
     """Ends once new slopes promise no loss below it, were they to give `hope` times what they do: a trial that cannot win."""
-    hope: float = 3.0
+    hope: float = 3.0  # what bends may give beyond slopes
     share: float = 2e-3
     """With `worth`: a gain above this share of the loss is never negligible."""
     least_damping: float = 1e-9
