@@ -211,7 +211,9 @@ def test_a_limit_that_a_drive_never_meets_is_no_limit_of_the_simulator_in_which_
     }
     pieces = windows(Recording("gentle", noisy), 6.0)
     measure = RigidlyAligned.estimated(pieces, ("position", "heading"))
-    found = calibrate(simulator, pieces, options=Options(cross_validate=False, stages=DESCENT), discrepancy=measure)
+    found = calibrate(
+        simulator, pieces, options=Options(cross_validate=False, lacking=False, stages=DESCENT), discrepancy=measure
+    )
     delay, *limits = found.estimates
     assert delay.value == pytest.approx(0.2, abs=0.02)
     assert [(e.value, e.absent) for e in limits] == [(1e3, True), (1e3, True)]

@@ -117,7 +117,7 @@ def drive() -> Recording:
 def test_hidden_parameters_come_back_from_logs_with_two_clocks_and_outliers(logs: list[Path]) -> None:
     recordings = [formats.read([log])[0] for log in logs]
     ready = prepare(logs[0].with_name("car.toml"), recordings[:1], recordings[1:])
-    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT, cross_validate=False, lacking=False))
     assert isinstance(simulator, VehicleSimulator)
     values = {e.name: e.value for e in found.estimates}
     for name, within in (("steering_left", 0.1), ("steering_right", 0.1), ("friction_limit", 0.1), ("curve_loss", 0.2)):
@@ -343,7 +343,7 @@ def test_a_car_on_soft_tyres_is_predicted_as_well_as_its_hidden_values_predict_i
     soft = Vehicle("soft", 0.2, drive="throttle", values={**HIDDEN, "grip": 45.0})
     (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.2\n{SEARCHED_ONCE}")
     ready = prepare(tmp_path / "car.toml", [driven(11, 20.0, truth=soft)])
-    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT, cross_validate=False, lacking=False))
     assert isinstance(simulator, VehicleSimulator)
     unseen = simulator.prepared(driven(12, 20.0, truth=soft))
     ours, theirs = (
@@ -499,7 +499,7 @@ def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path,
     (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.1735\n[vehicle.values]\n{lasting}")
     recordings = [formats.read([file])[0] for file in files]
     ready = prepare(tmp_path / "car.toml", [r.slice(r.start, r.start + 45.0) for r in recordings[1:]])
-    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT))
+    simulator, found = ready.simulator, ready.calibrate(Options(stages=DESCENT, cross_validate=False, lacking=False))
     assert isinstance(simulator, VehicleSimulator)
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[0]))
     assert (errors.mean(axis=0) < [0.08, 0.25]).all()

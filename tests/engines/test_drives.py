@@ -24,7 +24,7 @@ from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
-QUICK = Options(cross_validate=False, stages=DESCENT)
+QUICK = Options(cross_validate=False, lacking=False, stages=DESCENT)
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>
 <geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>{drive}</mujoco>"""
@@ -58,7 +58,7 @@ def _swing() -> Recording:
 def test_commanded_torques_drive_the_model(tmp_path: Path, drive: str) -> None:
     simulator, notes = simulator_for(_model(tmp_path, drive), [_swing()])
     assert any("motors were added" in n for n in notes) == (not drive)
-    found = calibrate(simulator, [_swing()], options=Options(cross_validate=False))
+    found = calibrate(simulator, [_swing()], options=Options(cross_validate=False, lacking=False))
     (damping,) = [e for e in found.estimates if e.name == "j.damping"]
     assert damping.low < 0.5 < damping.high
     assert damping.value == pytest.approx(0.5, rel=0.03)
@@ -153,7 +153,10 @@ def _found(path: Path, recording: Recording, kinds: tuple[str, ...]) -> list[flo
     """What a calibration that proposes its parameters itself finds for these."""
     (taken,), _ = suited(load(path), [recording])
     simulator, _ = simulator_for(path, [taken])
-    found = {e.name: e.value for e in calibrate(simulator, [taken], options=Options(cross_validate=False)).estimates}
+    found = {
+        e.name: e.value
+        for e in calibrate(simulator, [taken], options=Options(cross_validate=False, lacking=False)).estimates
+    }
     return [next(value for name, value in found.items() if name.endswith(f".{kind}")) for kind in kinds]
 
 
@@ -476,7 +479,9 @@ def test_torques_told_as_positions_drive_motors_that_would_give_the_motion(tmp_p
     (torque,) = [r.channel("command_torque") for r in ready.recordings]
     assert torque.unit_of("j") == "N m"
     np.testing.assert_array_equal(torque.values, _swing().channel("command_torque").values)
-    (damping,) = [e for e in ready.calibrate(Options(cross_validate=False)).estimates if e.name == "j.damping"]
+    (damping,) = [
+        e for e in ready.calibrate(Options(cross_validate=False, lacking=False)).estimates if e.name == "j.damping"
+    ]
     assert damping.value == pytest.approx(0.5, rel=0.03)
     as_told = prepare(_model(tmp_path, _MOTOR), [_told(_swing())], refuse=["torques"]).recordings[0]
     assert as_told.channel("command").unit == "rad"
@@ -517,7 +522,7 @@ def test_what_slows_a_small_pendulum_is_found_below_what_any_gear_of_an_arm_has(
     time = np.arange(0.0, 8.0, 0.01)
     log = _carted(model, time, 0.01 * np.sin(8.0 * time) * (time < 3.0), 0.5)
     # Slopes alone end where friction does damping's work.
-    found = prepare(path, [log]).calibrate(options=Options(cross_validate=False))
+    found = prepare(path, [log]).calibrate(options=Options(cross_validate=False, lacking=False))
     (damping,) = [e for e in found.estimates if e.name == "swing.damping"]
     assert damping.value == pytest.approx(2e-5, rel=0.3)
 

@@ -71,7 +71,7 @@ def _log(times: float, seed: int) -> Recording:
 
 def _found(folder: Path, times: float, seed: int = 1) -> Calibration:
     (file := folder / "arm.xml").write_text(_arm(1.0))
-    return prepare(file, [_log(times, seed)]).calibrate(Options(cross_validate=False))
+    return prepare(file, [_log(times, seed)]).calibrate(Options(cross_validate=False, lacking=False))
 
 
 def test_factors_on_all_torques_may_as_well_be_masses_and_intervals_hold_both(tmp_path: Path) -> None:

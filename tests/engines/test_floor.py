@@ -23,7 +23,7 @@ from trueup.loop.fit import DESCENT
 from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 
-QUICK = Options(cross_validate=False, stages=DESCENT)
+QUICK = Options(cross_validate=False, lacking=False, stages=DESCENT)
 
 Array = NDArray[np.float64]
 

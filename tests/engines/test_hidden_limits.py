@@ -72,7 +72,7 @@ def found(folder: Path, kind: str, seconds: float = 6.0, **firmware: Any) -> tup
     path.write_text(PENDULUM.format(**GUESS))
     logs = [recorded(f"{kind}{k}", {"chirp": chirp, "slow": slow}[kind](time, k), time, **firmware) for k in range(3)]
     ready = prepare(path, logs[:2], logs[2:])
-    done = ready.calibrate(Options(cross_validate=False, stages=DESCENT))
+    done = ready.calibrate(Options(cross_validate=False, lacking=False, stages=DESCENT))
     (replay,) = done.held_out()
     return ready, done, float(np.sqrt(np.mean((replay.after - replay.measured) ** 2)))
 

@@ -67,7 +67,7 @@ def found(folder: Path, kind: str, *, fed: float = 1.0, logged: bool = False) ->
     path.write_text(ARMS[kind][0].format(step="2e-3", kp=0.5 * ARMS[kind][1], kv=0.5 * ARMS[kind][2]))
     logs = [recorded(kind, seed, fed, logged) for seed in range(3)]
     ready = prepare(path, logs[:2], logs[2:])
-    done = ready.calibrate(Options(cross_validate=False, stages=DESCENT))
+    done = ready.calibrate(Options(cross_validate=False, lacking=False, stages=DESCENT))
     (replay,) = done.held_out()
     return ready, done, float(np.sqrt(np.mean((replay.after - replay.measured) ** 2)))
 

@@ -241,7 +241,7 @@ def test_a_search_with_lone_joints_is_at_least_as_good_at_an_eighth_of_the_steps
     errors, steps = [], []
     for offers in (True, False):
         counted = Counted(simulator, offers)
-        fit = calibrate(counted, recordings, options=Options(stages=DESCENT, cross_validate=False))
+        fit = calibrate(counted, recordings, options=Options(stages=DESCENT, cross_validate=False, lacking=False))
         errors.append(np.abs(space.to_unit(fit.values) - space.to_unit(truth)))
         steps.append(counted.steps[0])
         assert any("approximation" in note for note in fit.notes) == offers
@@ -281,8 +281,8 @@ def test_joints_alone_that_end_in_another_valley_are_left_alone(
     recordings = [recorded(simulator, 6.0, truth, name) for name in ("a", "b")]
     monkeypatch.setattr("trueup.loop.joint_by_joint.apart", lambda *_: np.full(len(space), 0.97))
     stages = tuple(s for s in STAGES if s in DESCENT or s.name == "glance")
-    fit = calibrate(simulator, recordings, options=Options(stages=stages, cross_validate=False))
+    fit = calibrate(simulator, recordings, options=Options(stages=stages, cross_validate=False, lacking=False))
     assert not any("approximation" in note for note in fit.notes)
     monkeypatch.setattr("trueup.loop.problem.WORTH", np.inf)
-    plain = calibrate(simulator, recordings, options=Options(stages=DESCENT, cross_validate=False))
+    plain = calibrate(simulator, recordings, options=Options(stages=DESCENT, cross_validate=False, lacking=False))
     np.testing.assert_allclose(fit.values, plain.values, rtol=1e-9)  # as if there had never been any

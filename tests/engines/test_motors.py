@@ -100,7 +100,9 @@ def test_an_arm_without_friction_in_its_file_is_calibrated_from_torques(
     tmp_path: Path, recordings: list[Recording]
 ) -> None:
     (tmp_path / "arm.xml").write_text(PLAIN)
-    found = prepare(tmp_path / "arm.xml", recordings[:1], recordings[1:]).calibrate(Options(cross_validate=False))
+    found = prepare(tmp_path / "arm.xml", recordings[:1], recordings[1:]).calibrate(
+        Options(cross_validate=False, lacking=False)
+    )
     values = {e.name: e.value for e in found.estimates}
     for joint in ("shoulder", "elbow"):
         assert values[f"{joint}.friction"] == pytest.approx(TRUTH[joint][0], rel=0.05)

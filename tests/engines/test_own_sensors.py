@@ -116,7 +116,7 @@ def test_how_late_a_camera_is_is_found_and_told_and_the_servo_is_not_bent_to_it(
     model = crane(tmp_path)
     runs = taken([recorded(seed, LATE) for seed in (1, 2)])
     made = simulator(model, [d for d in propose(model, runs) if d.quantity in SOME])
-    fit = calibrate(made, runs, options=Options(cross_validate=False))
+    fit = calibrate(made, runs, options=Options(cross_validate=False, lacking=False))
     found = {e.name: e for e in fit.estimates}
     assert found["sway.joint_sensor_delay"].value == pytest.approx(LATE, abs=0.003)
     assert found["trolley.kp"].value == pytest.approx(2100.0, rel=0.05)
@@ -129,7 +129,7 @@ def test_a_camera_that_is_not_late_is_left_as_it_is(tmp_path: Path) -> None:
     model = crane(tmp_path)
     runs = taken([recorded(seed, 0.0) for seed in (1, 2)])
     made = simulator(model, [d for d in propose(model, runs) if d.quantity in SOME])
-    fit = calibrate(made, runs, options=Options(cross_validate=False))
+    fit = calibrate(made, runs, options=Options(cross_validate=False, lacking=False))
     assert not about_sensors(made, fit)
 
 
@@ -173,7 +173,7 @@ def test_a_board_that_tells_late_or_early_does_not_bend_the_drive_to_it(tmp_path
     model, runs = load(tmp_path / "swung.xml"), [swung(seed, late) for seed in (1, 2)]
     lines = [d for d in propose(model, runs) if d.quantity in ("kp", "damping", "delay", "sensor_delay")]
     made = MujocoSimulator(model, *declare(model, lines, {"channel": ("rates", "forces")}))
-    fit = calibrate(made, runs, options=Options(cross_validate=False))
+    fit = calibrate(made, runs, options=Options(cross_validate=False, lacking=False))
     found = {e.name: e for e in fit.estimates}
     assert found["rates+forces.sensor_delay"].value == pytest.approx(late, abs=0.001)
     assert found["delay"].value < 0.003

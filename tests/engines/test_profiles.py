@@ -67,7 +67,7 @@ def _found(folder: Path, speed: float, acceleration: float) -> tuple[dict[str, f
     path.write_text(_ARM.replace('kp="60" kv="2"', 'kp="40" kv="1"').replace("5e-4", "2e-3"))
     log = _steps("log", (0.0, 0.3, -0.5, 0.6, 0.5), speed, acceleration)
     other = _steps("other", (0.0, -0.4, 0.7, 0.6), speed, acceleration)
-    done = prepare(path, [log], [other]).calibrate(Options(cross_validate=False, stages=DESCENT))
+    done = prepare(path, [log], [other]).calibrate(Options(cross_validate=False, lacking=False, stages=DESCENT))
     (replay,) = done.held_out()
     return {e.name: e.value for e in done.estimates if e.fitted}, float(np.std(replay.after - replay.measured))
 

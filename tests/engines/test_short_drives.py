@@ -156,7 +156,7 @@ def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path
     read = [formats.read(log)[0] for log in logs]
     ready = prepare(tmp_path / "base.toml", read)
     assert isinstance(ready.simulator, VehicleSimulator)
-    calibration = ready.calibrate(Options(stages=DESCENT))
+    calibration = ready.calibrate(Options(stages=DESCENT, cross_validate=False, lacking=False))
     found = {e.name: e.value for e in calibration.estimates}
     assert found["turn_left"] == pytest.approx(0.9, rel=0.02)
     assert found["turn_right"] == pytest.approx(0.9, rel=0.02)

@@ -55,7 +55,7 @@ def test_a_stop_is_recognised_calibrated_and_written(gantry: Path) -> None:
     (diagnosis,) = (d for d in ready.diagnoses if d.name == "stops")
     assert list(diagnosis.numbers) == ["swing upper"]
     assert diagnosis.numbers["swing upper"] == pytest.approx(STOP, abs=0.01)
-    found = ready.calibrate(Options(cross_validate=False, stages=DESCENT))
+    found = ready.calibrate(Options(cross_validate=False, lacking=False, stages=DESCENT))
     stop = next(e for e in found.estimates if e.name == "swing.stop_upper")
     assert stop.value == pytest.approx(STOP, abs=3e-3)
     (swing,) = (float(r.rmse_after()[r.labels.index("swing")]) for r in found.held_out() if "swing" in r.labels)

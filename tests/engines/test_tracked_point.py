@@ -70,7 +70,9 @@ def test_a_prediction_begins_and_ends_where_a_point_aside_was_tracked() -> None:
 def test_a_calibration_finds_how_far_aside_the_tracked_point_is(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text('[vehicle]\ntrack = 0.3\ndrive = "turn"\n')
     drives = [_drive(f"drive {k}", 20.0, k) for k in range(2)]
-    found = prepare(tmp_path / "robot.toml", drives, []).calibrate(Options(stages=DESCENT))
+    found = prepare(tmp_path / "robot.toml", drives, []).calibrate(
+        Options(stages=DESCENT, cross_validate=False, lacking=False)
+    )
     values = {e.name: e.value for e in found.estimates}
     assert values["pose_left"] == pytest.approx(ASIDE, abs=0.02)
     assert values["pose_ahead"] == pytest.approx(AHEAD, abs=0.02)

@@ -75,7 +75,7 @@ def calibrated(folder: Path, drive: Recording, *more: str) -> dict[str, Estimate
     lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"
     (folder / "car.toml").write_text(f"[vehicle]\nwheelbase = {WHEELBASE}\n[vehicle.values]\n{lasting}")
     ready = prepare(folder / "car.toml", [drive]).only((*TURNING, *more))
-    return {e.name: e for e in ready.calibrate(Options(stages=DESCENT, lacking=False)).estimates}
+    return {e.name: e for e in ready.calibrate(Options(stages=DESCENT, cross_validate=False, lacking=False)).estimates}
 
 
 def test_what_steering_is_worth_is_found_in_calm_curves_of_a_car_that_understeers(tmp_path: Path) -> None:

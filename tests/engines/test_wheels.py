@@ -310,7 +310,7 @@ def test_a_share_below_which_motors_stand_still_is_found(tmp_path: Path) -> None
     assert isinstance(ready.simulator, VehicleSimulator)
     full = ready.simulator.vehicle.full
     assert full is not None
-    found = ready.calibrate(Options(stages=DESCENT))
+    found = ready.calibrate(Options(stages=DESCENT, cross_validate=False, lacking=False))
     dead = next(e.value for e in found.estimates if e.name == "wheel_dead")
     assert dead == pytest.approx(0.16 / 0.8 * 255.0 / full[0], rel=0.15)
     ready.write(found, tmp_path / "found.toml", tmp_path / "parameters.toml")  # what is handed over predicts the same
