@@ -18,7 +18,7 @@ from trueup.loop.changed import replayed_too
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
-_ARM = """<mujoco><option timestep="0.002"/><worldbody><body>
+_ARM = """<mujoco><option timestep="0.005"/><worldbody><body>
 <joint name="a" axis="0 1 0" damping="{damping} {more}" armature=".02"/>
 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".6"/>
 <body pos=".3 0 0"><joint name="b" axis="0 1 0" damping="{damping}" armature=".01"/>
@@ -40,7 +40,7 @@ def _run(*, loaded_from: float = np.inf, more: float = 0.0, name: str = "log", p
             model.body("load").mass[0] += 0.4
             mujoco.mj_setConst(model, mujoco.MjData(model))
         data.ctrl[:] = row
-        mujoco.mj_step(model, data, 10)
+        mujoco.mj_step(model, data, 4)
     noisy = np.array(seen) + np.random.default_rng(0).normal(0.0, 3e-4, (len(time), 2))
     rows = {"command": told, "position": noisy}
     return Recording(name, {role: Channel(role, ("a", "b"), "rad", time, values) for role, values in rows.items()})
@@ -50,7 +50,7 @@ def _calibrated(folder: Path, *runs: Recording) -> Calibration:
     (folder / "arm.xml").write_text(_ARM.format(damping=0.2, kp=50, more=0.0))
     (folder / "parameters.toml").write_text(_PARAMETERS)
     ready = prepare(folder / "arm.xml", runs, parameters=folder / "parameters.toml", refuse=["zero"])
-    return ready.calibrate(Options(search="gradient", cross_validate=False))
+    return ready.calibrate(Options(search="gradient", cross_validate=False, lacking=False))
 
 
 def test_a_load_that_is_taken_up_within_a_recording_is_named_with_its_instant(tmp_path: Path) -> None:
