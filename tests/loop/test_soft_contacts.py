@@ -33,7 +33,7 @@ FILE, TRUTH = {"kp": 2000, "damping": 10, "soft": 0.02, "height": 0.3}, {"kp": 2
 NOISE = 2e-4  # m
 
 
-def hops(folder: Path, truth: str, seconds: float = 3.0) -> tuple[Path, list[Recording]]:
+def hops(folder: Path, truth: str, seconds: float = 2.0) -> tuple[Path, list[Recording]]:
     """The file, and two runs of a hopper as `truth` has it, simulated by MuJoCo itself."""
     (file := folder / "hopper.xml").write_text(HOPPER.format(**FILE))
     model, rng, runs = mujoco.MjModel.from_xml_string(truth), np.random.default_rng(4), []
