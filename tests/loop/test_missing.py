@@ -165,7 +165,8 @@ def test_a_cable_that_stiffens_is_named_beside_its_spring_and_once_declared_it_i
 
 
 TWO = """
-<mujoco><compiler angle="radian"/><option timestep=".005" integrator="implicitfast"/><default><joint axis="0 1 0" damping=".3"/></default>
+<mujoco><compiler angle="radian"/><option timestep=".005" integrator="implicitfast"/>
+<default><joint axis="0 1 0" damping=".3"/></default>
 <worldbody><body><joint name="shoulder" frictionloss="{friction}" armature="{armature}"/>
   <inertial pos="0.2 0 0" mass="2" diaginertia=".01 .02 .02"/>
   <body name="fore" pos="0.4 0 0"><joint name="elbow" frictionloss="{friction}" armature="{armature}"/>
