@@ -21,13 +21,13 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three short recordings of the stand-in arm: enough to see that an example works."""
+    """Two short recordings of the stand-in arm: enough to see that an example works."""
     folder = tmp_path_factory.mktemp("recordings")
     record(folder)
-    for name in ("slow_ramps", "waypoints", "pick_and_place"):
+    for name in ("slow_ramps", "waypoints", "pick_and_place", "sinusoids"):
         (folder / f"{name}.csv").unlink()
     for path in folder.glob("*.csv"):
-        path.write_text("".join(path.read_text("utf-8").splitlines(keepends=True)[:150]), encoding="utf-8")
+        path.write_text("".join(path.read_text("utf-8").splitlines(keepends=True)[:100]), encoding="utf-8")
     return folder
 
 
@@ -45,7 +45,15 @@ def test_a_cart_pole_of_ones_own_is_short_and_tuned_by_a_campaign(tmp_path: Path
     folder = ROOT / "examples" / "cart_pole"
     assert sum(len(p.read_text("utf-8").splitlines()) for p in folder.iterdir() if p.is_file()) < 200
     own = Path(shutil.copytree(folder, tmp_path / "cart_pole")) / "campaign.toml"
-    own.write_text(own.read_text("utf-8").replace("rounds = 2", "rounds = 1"), encoding="utf-8")  # one is enough here
+    much = own.read_text("utf-8")
+    for of_it, enough in (
+        ("rounds = 2", "rounds = 1"),
+        ("evaluations = 60", "evaluations = 30"),
+        ("samples = 4", "samples = 2"),
+    ):
+        assert of_it in much
+        much = much.replace(of_it, enough)
+    own.write_text(much, encoding="utf-8")
     run = ["run", str(own), "--out", str(tmp_path / "out"), "--yes"]
     command = [sys.executable, "-m", "trueup.cli", *run]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -69,9 +77,15 @@ def test_the_calibration_example_lowers_the_held_out_error(recordings: Path) -> 
     assert (recordings / "report.html").is_file()
 
 
-def test_the_tuning_example_makes_the_robot_better() -> None:
+def test_the_tuning_example_makes_the_robot_better(tmp_path: Path) -> None:
+    """With fewer vehicles and candidates than it has."""
+    text = (ROOT / "examples" / "tune_gains.py").read_text("utf-8")
+    for much, enough in ((".sample(8", ".sample(3"), ("evaluations=120", "evaluations=40")):
+        assert much in text
+        text = text.replace(much, enough)
+    (tmp_path / "tune_gains.py").write_text(text, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / "tune_gains.py")], capture_output=True, text=True, check=False
+        [sys.executable, str(tmp_path / "tune_gains.py")], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     numbers = re.search(r"robot: ([\d.]+) -> ([\d.]+) mm", done.stdout)
