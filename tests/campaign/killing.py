@@ -53,7 +53,7 @@ method = "toy:regression"
 [experiment]
 settings = 2
 [optimize]
-search = {{ type = "toy:Nearby", generation = 5, generations = 4 }}
+search = {{ type = "toy:Nearby", generation = 3, generations = 2 }}
 samples = 3
 trust = 0.3
 [transfer]

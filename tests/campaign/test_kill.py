@@ -28,11 +28,11 @@ def test_fifty_kills_change_no_byte_of_the_journal_and_every_trial_is_performed_
 
 
 def test_a_robot_without_memory_never_performs_a_trial_twice(tmp_path: Path) -> None:
-    found = outcome(tmp_path, 10, "forgetful")
+    found = outcome(tmp_path, 5, "forgetful")
     assert found["twice"] == 0
     assert found["unknown"] > 0  # what became of an interrupted run is left to the operator, and journaled
 
 
 def test_a_campaign_by_hand_survives_kills_while_logs_are_taken(tmp_path: Path) -> None:
-    found = outcome(tmp_path, 10, "by-hand")
+    found = outcome(tmp_path, 5, "by-hand")
     assert found["differ"] == found["lost"] == found["twice"] == 0
