@@ -91,7 +91,7 @@ def test_a_walk_gets_faster_and_leans_as_the_robot_needs_it(tmp_path: Path) -> N
     assert "(fell forward)" in shown
     assert "(fell backward)" in shown
     out = tmp_path / "again"
-    for count in (3, len(events) // 2):
+    for count in (2 * len(events) // 3,):
         shutil.copytree(tmp_path / "out", out)
         set_back(out, count)
         run(plan, out)
@@ -112,7 +112,7 @@ def test_a_walk_is_fast_enough_by_its_speed(tmp_path: Path) -> None:
 
 
 def test_a_fall_of_which_nothing_else_is_known_counts(tmp_path: Path) -> None:
-    plan = plan_in(tmp_path, ('Walker"', 'Walker"\nsilent = true\nbest = 0.0'), ("trials = 40", "trials = 25"))
+    plan = plan_in(tmp_path, ('Walker"', 'Walker"\nsilent = true\nbest = 0.0'), ("trials = 40", "trials = 16"))
     events = run(plan, tmp_path / "out")
     scored = [e for e in events if isinstance(e, Scored)]
     assert any(s.fell and not s.tally for s in scored)
@@ -125,7 +125,7 @@ def test_a_stop_watch_and_eyes_find_what_poses_do(tmp_path: Path) -> None:
     found = []
     for name, more in (("logged", ""), ("watched", '"\nwatched = true')):
         (tmp_path / name).mkdir()
-        plan = plan_in(tmp_path / name, ('Walker"', f"Walker{more or chr(34)}"), ("trials = 40", "trials = 14"))
+        plan = plan_in(tmp_path / name, ('Walker"', f"Walker{more or chr(34)}"), ("trials = 40", "trials = 10"))
         events = run(plan, tmp_path / name / "out")
         found.append(([e.numbers for e in events if isinstance(e, Chosen)], History.of(events).best[0]))
     assert found[0] == found[1]
