@@ -150,7 +150,7 @@ common = settings(
 
 
 @given(name=st.sampled_from(TEXT), damages=st.lists(text_damages(), min_size=1, max_size=3), which=places)
-@settings(common, max_examples=600)
+@settings(common, max_examples=300)
 def test_a_damaged_text_file_is_read_or_named(
     sound_files: Path, tmp_path_factory: pytest.TempPathFactory, name: str, damages: list[Damage], which: float
 ) -> None:
@@ -158,7 +158,7 @@ def test_a_damaged_text_file_is_read_or_named(
 
 
 @given(name=st.sampled_from(BINARY), damages=st.lists(binary_damages(), min_size=1, max_size=2))
-@settings(common, max_examples=300)
+@settings(common, max_examples=200)
 def test_a_damaged_binary_file_is_read_or_named(
     sound_files: Path, tmp_path_factory: pytest.TempPathFactory, name: str, damages: list[Damage]
 ) -> None:
