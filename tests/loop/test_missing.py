@@ -46,7 +46,7 @@ def calibrated(
 ) -> Calibration:
     """The arm without a gear, fitted to motions of one with `gear` (and otherwise as `truth`), both at a `step` in s: by
     default a coarse one, or one that bears the swing of a gear.
-    """  # fmt: skip
+    """
     rng, step = np.random.default_rng(5), step or (0.0025 if gear else 0.005)
     (folder / "truth.xml").write_text(truth.format(gear=gear, step=step, **TRUTH))
     (folder / "arm.xml").write_text(ARM.format(gear="", step=step, **FILE))
