@@ -41,7 +41,7 @@ def test_the_example_of_a_parameters_file_is_one(tmp_path: Path) -> None:
 
 
 ARM = """
-<mujoco model="arm"><compiler angle="radian"/><worldbody>
+<mujoco model="arm"><compiler angle="radian"/><option timestep="0.005"/><worldbody>
   <body name="upper"><joint name="shoulder" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 0 0 .3" size=".02"/>
     <body pos="0 0 .3"><joint name="elbow" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 0 0 .2" size=".02"/>
   </body></body></worldbody>
