@@ -45,8 +45,8 @@ def driven(seed: int) -> tuple[list[Recording], Array]:
     return windows(Recording("drive", noisy), 8.0), truth
 
 
-# With slopes alone these ended at 1.3 to 3.3 times the loss of the truth.
-@pytest.mark.parametrize("seed", [2, 14, 17, 33])
+# With slopes alone these ended at 1.3 to 3.3 times the loss of the truth; 2 still does unless it is looked wider.
+@pytest.mark.parametrize("seed", [2, 33])
 def test_a_vehicle_with_rate_limits_is_calibrated_down_to_the_noise(seed: int) -> None:
     pieces, truth = driven(seed)
     measure = RigidlyAligned.estimated(pieces, CHANNELS)
