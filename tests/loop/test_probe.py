@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.loop.fit import Fit
-from trueup.loop.probe import probed
+from trueup.loop.probe import probed, stairs
 from trueup.parameters import Parameter, ParameterSpace
 
 Array = NDArray[np.float64]
@@ -56,3 +56,20 @@ def test_failed_simulations_around_the_optimum_change_nothing() -> None:
     problem, fit = cracked(2.0, np.zeros(600))
     problem.residuals = lambda values: np.full((len(values), 600), np.nan)
     assert probed(problem, fit, 0) is fit
+
+
+def test_a_valley_that_bends_adds_no_stairs_and_stairs_are_told_by_their_height() -> None:
+    away = np.random.default_rng(3).uniform(1.0, 2.0, 5)
+    far, near = (np.concatenate([30.0 * d**4 + 4.0 * d**3, 30.0 * d**4 - 4.0 * d**3]) for d in (away, 0.5 * away))
+    smooth = np.concatenate([far, near])
+    assert stairs(smooth) == 0.0
+    assert 6.0 < stairs(smooth + 7.0) <= 7.0
+
+
+def test_beyond_a_cliff_on_one_side_nothing_is_as_good() -> None:
+    above = np.zeros((2, 2, 5))
+    above[:, 0] = 50.0
+    assert stairs(above.ravel()) == 0.0
+    above[:, :, 1:] = np.nan  # simulations that failed
+    assert stairs(above.ravel()) == 0.0
+    assert stairs(np.full(20, np.nan)) == 0.0

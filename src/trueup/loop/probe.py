@@ -15,6 +15,7 @@ from trueup.loop.uncertainty import curvature_inverse
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
 
+_PAIRS = 5  # points looked at, each with its mirror image
 PROBED = 2.5  # standard deviations to either side, within which replays are looked at: 95 % intervals end at two
 ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05
 
@@ -27,29 +28,35 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     Where it leads is what an estimate from that side would be, so these ends scatter as estimates do. And among stairs
     that are higher all around than the bowl foretells, the lowest may be any where the bowl is no deeper than they are.
     """
-    pairs = 5  # points looked at, each with its mirror image
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
-    points = search.around(PROBED, pairs)
+    points = search.around(PROBED, _PAIRS)
     weak = effects(fit) < NO_EFFECT
     points[:, weak] = fit.unit[weak]
+    points = np.concatenate([points, 0.5 * (fit.unit + points)])
     residuals = problem.residuals(fit.space.from_unit(points))
-    rough = unexplained(points, residuals, fit.jacobian) >= ROUGH
-    good = np.isfinite(residuals).all(axis=1)
-    if not good.any():
-        return fit
-    points, residuals = points[good], residuals[good]
+    far, good = np.arange(len(points)) < 2 * _PAIRS, np.isfinite(residuals).all(axis=1)
     inverse = curvature_inverse(fit, 2.0 * problem.chance(fit.residual))
-    away = points - fit.unit
-    ends = (
-        np.clip(points - (robust_weights(residuals, fit.bend) * residuals) @ fit.jacobian @ inverse, 0.0, 1.0)
-        - fit.unit
-    )
+    stepped = (robust_weights(residuals, fit.bend) * residuals)[far & good] @ fit.jacobian @ inverse
+    ends = np.clip(points[far & good] - stepped, 0.0, 1.0) - fit.unit
+    if not len(ends):
+        return fit
     scatter = ends.T @ ends / len(ends)
-    if rough:
-        bowl = 0.5 * np.sum(((away @ fit.jacobian.T) ** 2) * fit.weights, axis=1)
-        stairs = robust_losses(residuals, fit.bend) - fit.loss - bowl
-        scatter += 2.0 * max(0.0, float(np.median(stairs))) * inverse
+    bowl = 0.5 * np.sum((((points - fit.unit) @ fit.jacobian.T) ** 2) * fit.weights, axis=1)
+    scatter += 2.0 * stairs(np.where(good, robust_losses(residuals, fit.bend) - fit.loss - bowl, np.nan)) * inverse
     return replace(fit, scatter=scatter if fit.scatter is None else scatter + fit.scatter)
+
+
+def stairs(above: Array) -> float:
+    """How high stairs stand on either side, of losses (4 k,) above a bowl: of pairs, all of one side first, and of those half
+    as far away.
+
+    What a smooth valley rises above its bowl because it bends is a sixteenth at half the way, and more on one side than on
+    the other; stairs are as high near by. So they are what is left at no distance (L. F. Richardson, Philosophical
+    Transactions of the Royal Society A 210, 1911) of the lower side: beyond a cliff on the other nothing is as good.
+    """
+    far, near = np.min(above.reshape(2, 2, -1), axis=1)
+    left = (16.0 * near - far) / 15.0
+    return max(0.0, float(np.median(left[np.isfinite(left)]))) if np.isfinite(left).any() else 0.0
 
 
 def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
