@@ -47,14 +47,13 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
 
 
 def stairs(above: Array) -> float:
-    """How high stairs stand on either side, of losses (4 k,) above a bowl: of pairs, all of one side first, and of those half
-    as far away.
+    """How high stairs stand, of losses (4 k,) above a bowl: of pairs, all of one side first, and of those half as far away.
 
-    What a smooth valley rises above its bowl because it bends is a sixteenth at half the way, and more on one side than on
-    the other; stairs are as high near by. So they are what is left at no distance (L. F. Richardson, Philosophical
-    Transactions of the Royal Society A 210, 1911) of the lower side: beyond a cliff on the other nothing is as good.
+    What a smooth valley rises above its bowl because it bends is a sixteenth at half the way, as what is odd cancels in a
+    pair; stairs are as high near by. So they are what is left at no distance (L. F. Richardson, Philosophical Transactions
+    of the Royal Society A 210, 1911). A cliff on one side counts by half: of legs that land, the truth is often beyond.
     """
-    far, near = np.min(above.reshape(2, 2, -1), axis=1)
+    far, near = np.mean(above.reshape(2, 2, -1), axis=1)
     left = (16.0 * near - far) / 15.0
     return max(0.0, float(np.median(left[np.isfinite(left)]))) if np.isfinite(left).any() else 0.0
 
