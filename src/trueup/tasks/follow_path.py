@@ -124,8 +124,7 @@ class FollowPath:
         """
         found = []
         for row, settings in enumerate([] if rollout.settings is None else rollout.settings):
-            apart, spread = self._apart(rollout, row, settings)
-            today = self._apart(rollout, row, self.parameters.nominal)[0]
+            (apart, today), (spread, _) = self._apart(rollout, row, np.stack([settings, self.parameters.nominal]))
             if apart > STILL and today < UNLIKE * apart:
                 found.append(
                     f"what was steered along path '{path.name}' is what the law commands with the settings of today, to "
@@ -141,33 +140,34 @@ class FollowPath:
                 )
         return found
 
-    def _apart(self, rollout: Rollout, row: int, settings: Array) -> tuple[float, float]:
-        """By how much the steering of a run differs from the law's with `settings` (m,), and how much that steers, in rad."""
-        lawful, done = self._along(rollout, row, settings)
-        if not len(done):
-            return 0.0, 0.0
-        return float(rms(done - lawful)), float(rms(lawful))
+    def _apart(self, rollout: Rollout, row: int, settings: Array) -> tuple[Array, Array]:
+        """(b,) by how much the steering of a run differs from the law's with `settings` (b, m), and how much that steers, in
+        rad.
+        """
+        along = [
+            (rms(done - lawful), rms(lawful)) if len(done) else (0.0, 0.0)
+            for lawful, done in self._along(rollout, row, settings)
+        ]
+        apart, steered = np.array(along, dtype=np.float64).T
+        return apart, steered
 
-    def _along(self, rollout: Rollout, row: int, settings: Array) -> tuple[Array, Array]:
-        """(n,) steering by the law with `settings` (m,) along a run, and as it was commanded, each the mean of a second."""
+    def _along(self, rollout: Rollout, row: int, settings: Array) -> list[tuple[Array, Array]]:
+        """Steering by the law with each of `settings` (b, m) along a run, and as it was commanded, (n,) means of seconds."""
         names = ("position", "heading", "speed", "command")
         known = np.isfinite(np.concatenate([rollout.channels[n][row] for n in names], axis=1)).all(axis=1)
         time = rollout.trial.observed["position"].time[known]
         position, heading, speed, command = (rollout.channels[n][row][known] for n in names)
         if len(time) < 3:
-            return np.zeros(0), np.zeros(0)
+            return [(np.zeros(0), np.zeros(0))] * len(settings)
         turn = np.gradient(np.unwrap(heading[:, 0]), time)
-        law = self.controllers(np.atleast_2d(settings))  # who follows paths by another one overrides it
-        pose, velocity = np.hstack([position, heading]), np.column_stack([speed[:, 0], turn])
-        seen = [
-            Observation(t, p[None], v[None], {}, rollout.trial) for t, p, v in zip(time, pose, velocity, strict=True)
-        ]
+        law = self.controllers(settings)  # who follows paths by another one overrides it
+        copies = len(settings), 1
+        pose = np.tile(np.hstack([position, heading])[:, None], copies)
+        velocity = np.tile(np.column_stack([speed[:, 0], turn])[:, None], copies)
+        seen = [Observation(t, p, v, {}, rollout.trial) for t, p, v in zip(time, pose, velocity, strict=True)]
         law.reset(seen[0])
-        lawful = np.array([law.command(o)[0] for o in seen])
-        driving = (lawful[:, 0] > 0.0) & (command[:, 0] != 0.0)  # neither is beyond the path's end
-        second = np.floor(time - time[0]).astype(int)[driving]
-        count = np.maximum(np.bincount(second), 1)
-        return np.bincount(second, lawful[driving, 1]) / count, np.bincount(second, command[driving, 1]) / count
+        lawful = np.array([law.command(o) for o in seen])
+        return [_by_seconds(time, each, command) for each in np.swapaxes(lawful, 0, 1)]
 
     def _judged(self, driven: Array, path: Path) -> Array:
         """(b, 2) distance from a path by the task's measure, and how much of it was not reached, in m."""
@@ -182,6 +182,14 @@ class FollowPath:
             return position
         heading = rollout.channels["heading"][:, :, 0]
         return position + self.settings.wheelbase * np.stack([np.cos(heading), np.sin(heading)], axis=2)
+
+
+def _by_seconds(time: Array, lawful: Array, command: Array) -> tuple[Array, Array]:
+    """(n,) steering of (T, 2) speed and steering, means of the seconds in which both drive: beyond a path's end none does."""
+    driving = (lawful[:, 0] > 0.0) & (command[:, 0] != 0.0)
+    second = np.floor(time - time[0]).astype(int)[driving]
+    count = np.maximum(np.bincount(second), 1)
+    return np.bincount(second, lawful[driving, 1]) / count, np.bincount(second, command[driving, 1]) / count
 
 
 def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration: float | None = None) -> Trial:

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import dataclasses
+import signal
 import time
 from collections.abc import Callable
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -48,19 +50,18 @@ def run_study(
     robot = chasi.robot(number, seed)
     _compiled(robot)
     say(f"compiled the vehicle, its controller and time warping in {time.perf_counter() - began:.0f} s")
-    started = time.perf_counter()
-    paper = paper_study(robot, seed=seed, calibration_trials=calibration_trials, tuning_trials=tuning_trials, told=told)
-    lasted = time.perf_counter() - started
-    trials = calibration_trials + tuning_trials
-    say(f"the paper's way: {trials} simulated runs of {chasi.DURATION:.0f} s and 2 on the robot in {lasted:.1f} s; "
-        f"as the robot measures itself {_mm(paper.scores[0])} -> {_mm(paper.scores[1])} from its path")  # fmt: skip
-    story = in_rounds(robot, seed=seed, say=say, rounds=rounds, evaluations=evaluations)
-    task = chasi.task()
-    drives = [r for runs in try_on_robot(robot, task, task.parameters.nominal).recordings for r in runs]
-    betas = chasi.simulator(BETAS, 0.0, 0.0)
-    seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.best, np.ones(3), drives[0])
-    noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
-    courses = across_courses(robot, seed=seed, evaluations=min(evaluations, 120))
+    with get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as beside:
+        # In a process of its own, as the rest mostly takes one core; what ends the rest ends it too.
+        asked = {"seed": seed, "evaluations": min(evaluations, 120)}
+        others = beside.apply_async(across_courses, (robot,), asked)
+        paper, lasted = _paper(robot, seed, calibration_trials, tuning_trials, say, told)
+        story = in_rounds(robot, seed=seed, say=say, rounds=rounds, evaluations=evaluations)
+        task = chasi.task()
+        drives = [r for runs in try_on_robot(robot, task, task.parameters.nominal).recordings for r in runs]
+        betas = chasi.simulator(BETAS, 0.0, 0.0)
+        seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.best, np.ones(3), drives[0])
+        noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
+        courses = others.get()
     today, one, several = courses.summary
     say(
         f"courses that nothing was tuned on: {_mm(today)} with today's gains, {_mm(one)} tuned on one, "
@@ -71,6 +72,20 @@ def run_study(
         _errors(robot, paper, story), _driven(robot, story), time.perf_counter() - began,
     )  # fmt: skip
     return study if folder is None else _reported(study, Path(folder), say)
+
+
+def _paper(
+    robot: StandInVehicle, seed: int, calibration_trials: int, tuning_trials: int, say: Callable[[str], None],
+    told: Told | None,
+) -> tuple[PaperStudy, float]:  # fmt: skip
+    """The paper's way, and how long it took, in s."""
+    started = time.perf_counter()
+    paper = paper_study(robot, seed=seed, calibration_trials=calibration_trials, tuning_trials=tuning_trials, told=told)
+    lasted = time.perf_counter() - started
+    trials = calibration_trials + tuning_trials
+    say(f"the paper's way: {trials} simulated runs of {chasi.DURATION:.0f} s and 2 on the robot in {lasted:.1f} s; "
+        f"as the robot measures itself {_mm(paper.scores[0])} -> {_mm(paper.scores[1])} from its path")  # fmt: skip
+    return paper, lasted
 
 
 def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
