@@ -9,17 +9,17 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.compiled import njit
-from trueup.controllers.controller import Controller, Observation
+from trueup.controllers.controller import Controller
 from trueup.controllers.stanley.kernel import ARC, MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout
 from trueup.errors import ParameterError, unknown_name
-from trueup.instant import STILL
 from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
 from trueup.rounding import PRINTED
-from trueup.samples import rms, stretches_of
+from trueup.samples import stretches_of
+from trueup.tasks.steered import steered_otherwise
 from trueup.trial import Observed, Trial
 
 POINTS = ("front", "rear")
@@ -29,12 +29,6 @@ LOST = 1.0
 """Distance, in m, that counts at most for what of the path was never reached; else how far on it lies counts.
 
 A run that ends a hand's breadth before the path does is about as good as one that does not, and costs about as much.
-"""
-
-UNLIKE = 0.3
-"""Share of what the law commands, from which what was commanded instead is said to be another's, and of the distance from
-one law, below which another explains it. Of three made-up robots the first was 0.2 at most where the pose is late and a
-`lead` acts on a turn rate that is only seen in the heading.
 """
 
 _BACK = 0.75 * np.pi  # rad within a wheelbase: no corner, the vehicle would have to back off
@@ -113,61 +107,8 @@ class FollowPath:
             found.append((*(
                 f"the last {m:.3g} m of path '{path.name}' were not reached, and count with how far on they lie: a log is to "
                 "go on until the path's end is passed" for m in missing if m > path.arc[-1] - path.arc[-2]
-            ), *self._steered_otherwise(rollout, path)))  # fmt: skip
+            ), *steered_otherwise(rollout, path.name, self.parameters.nominal, self.controllers)))  # fmt: skip
         return tuple(found)
-
-    def _steered_otherwise(self, rollout: Rollout, path: Path) -> list[str]:
-        """A sentence for each run whose steering is not what the law commands along it, where its settings are known.
-
-        Each sample is compared with the law at the pose that was logged then. What only noise and late poses do to it
-        averages out over a stretch of road; another law, other gains or another run's log do not.
-        """
-        found = []
-        for row, settings in enumerate([] if rollout.settings is None else rollout.settings):
-            (apart, today), (spread, _) = self._apart(rollout, row, np.stack([settings, self.parameters.nominal]))
-            if apart > STILL and today < UNLIKE * apart:
-                found.append(
-                    f"what was steered along path '{path.name}' is what the law commands with the settings of today, to "
-                    f"{today:.2g} rad, and {apart:.2g} rad from what it commands with those of this run: were they set? "
-                    "`trueup resume --retract` asks for the run again"
-                )
-            elif apart > max(UNLIKE * spread, STILL):
-                found.append(
-                    f"what was steered along path '{path.name}' is {apart:.2g} rad from what the law commands with these "
-                    f"settings where the log says the robot was (it commands {spread:.2g} rad; both root mean square): were "
-                    "these settings in force, is this the log of this run, and is the robot's law that of docs/vehicles.md? "
-                    "`trueup resume --retract` takes a wrong log back"
-                )
-        return found
-
-    def _apart(self, rollout: Rollout, row: int, settings: Array) -> tuple[Array, Array]:
-        """(b,) by how much the steering of a run differs from the law's with `settings` (b, m), and how much that steers, in
-        rad.
-        """
-        along = [
-            (rms(done - lawful), rms(lawful)) if len(done) else (0.0, 0.0)
-            for lawful, done in self._along(rollout, row, settings)
-        ]
-        apart, steered = np.array(along, dtype=np.float64).T
-        return apart, steered
-
-    def _along(self, rollout: Rollout, row: int, settings: Array) -> list[tuple[Array, Array]]:
-        """Steering by the law with each of `settings` (b, m) along a run, and as it was commanded, (n,) means of seconds."""
-        names = ("position", "heading", "speed", "command")
-        known = np.isfinite(np.concatenate([rollout.channels[n][row] for n in names], axis=1)).all(axis=1)
-        time = rollout.trial.observed["position"].time[known]
-        position, heading, speed, command = (rollout.channels[n][row][known] for n in names)
-        if len(time) < 3:
-            return [(np.zeros(0), np.zeros(0))] * len(settings)
-        turn = np.gradient(np.unwrap(heading[:, 0]), time)
-        law = self.controllers(settings)  # who follows paths by another one overrides it
-        copies = len(settings), 1
-        pose = np.tile(np.hstack([position, heading])[:, None], copies)
-        velocity = np.tile(np.column_stack([speed[:, 0], turn])[:, None], copies)
-        seen = [Observation(t, p, v, {}, rollout.trial) for t, p, v in zip(time, pose, velocity, strict=True)]
-        law.reset(seen[0])
-        lawful = np.array([law.command(o) for o in seen])
-        return [_by_seconds(time, each, command) for each in np.swapaxes(lawful, 0, 1)]
 
     def _judged(self, driven: Array, path: Path) -> Array:
         """(b, 2) distance from a path by the task's measure, and how much of it was not reached, in m."""
@@ -182,14 +123,6 @@ class FollowPath:
             return position
         heading = rollout.channels["heading"][:, :, 0]
         return position + self.settings.wheelbase * np.stack([np.cos(heading), np.sin(heading)], axis=2)
-
-
-def _by_seconds(time: Array, lawful: Array, command: Array) -> tuple[Array, Array]:
-    """(n,) steering of (T, 2) speed and steering, means of the seconds in which both drive: beyond a path's end none does."""
-    driving = (lawful[:, 0] > 0.0) & (command[:, 0] != 0.0)
-    second = np.floor(time - time[0]).astype(int)[driving]
-    count = np.maximum(np.bincount(second), 1)
-    return np.bincount(second, lawful[driving, 1]) / count, np.bincount(second, command[driving, 1]) / count
 
 
 def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration: float | None = None) -> Trial:
