@@ -97,6 +97,7 @@ RULES = (
     ),
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
     # how a walk is graded, and how it sways
+    Rule("tasks.follow_path", ("tasks.task", "tasks.steered", "controllers", "engines.simulator", *NOUNS)),
     Rule("tasks.walking", ("tasks.task", "tasks.paces", "tasks.sway", "controllers", "engines.simulator", *NOUNS)),
     Rule("tasks.omni_walk", ("tasks.walking", "engines.simulator", *NOUNS)),
     # what bodies, joints and drives have in common whatever simulates them
