@@ -38,43 +38,42 @@ class RigidlyAligned:
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
-        iterations = (
-            3  # the rotation enters almost linearly: start headings are measured to a few hundredths of a radian
-        )
         trial = simulated.trial
         if "position" not in simulated.channels or trial.observed["position"].labels != ("x", "y"):
             return self._weighted.residual(real, simulated)
         measured = {n: measured_at(real, n, o.labels, o.time) for n, o in trial.observed.items()}
-        moved = dict(simulated.channels)
-        moved["position"] = np.array(moved["position"])
-        if "heading" in moved:
-            moved["heading"] = np.array(moved["heading"])
-        for _ in range(iterations):
-            self._turn(moved, measured)
-        return self._weighted.residual(real, replace(simulated, channels=moved))
+        return self._weighted.residual(real, replace(simulated, channels=self._aligned(simulated, measured)))
 
-    def _turn(self, moved: dict[str, Array], measured: dict[str, Array]) -> None:
-        """One Gauss-Newton step of turn and shift, in place, all rows at once."""
-        seen = np.isfinite(measured["position"]).all(axis=1)
+    def _aligned(self, simulated: Rollout, measured: dict[str, Array]) -> dict[str, Array]:
+        """The channels, turned about the mean of where positions were measured and shifted to it, all rows at once: by
+        Gauss-Newton steps, whose sums over samples turn as the motion does.
+        """
+        iterations = (
+            3  # the rotation enters almost linearly: start headings are measured to a few hundredths of a radian
+        )
+        points, place = simulated.channels["position"], measured["position"]
+        seen = np.isfinite(place).all(axis=1)
         good = slice(None) if seen.all() else seen  # no copies where nothing is missing
         weight = 1.0 / float(np.mean(self.scale("position", ("x", "y")))) ** 2
-        points = moved["position"]
-        centre, shift = points[:, :1], np.zeros((1, 1, 2))
-        if seen.any():  # else nobody saw where it was, and nothing says how far to shift it
-            centre = points[:, good].mean(axis=1, keepdims=True)
-            shift = (measured["position"][good][None] - points[:, good]).mean(axis=1, keepdims=True)
-        arms = points[:, good] - centre
-        gap = measured["position"][good][None] - points[:, good] - shift
-        above = weight * np.sum(arms[:, :, 0] * gap[:, :, 1] - arms[:, :, 1] * gap[:, :, 0], axis=1)
-        below = weight * np.sum(arms**2, axis=(1, 2)) + ROUNDED
-        if "heading" in moved:
+        # Where nobody saw where it was, nothing says how far to shift it.
+        centre = points[:, good].mean(axis=1, keepdims=True) if seen.any() else points[:, :1]
+        there = place[good].mean(axis=0) if seen.any() else points[:, :1]
+        arms = points - centre
+        x, y = arms[:, :, 0], arms[:, :, 1]
+        ahead, aside = (place[good] - there).T if seen.any() else np.zeros((2, 0))
+        along, across = x[:, good] @ ahead + y[:, good] @ aside, x[:, good] @ aside - y[:, good] @ ahead
+        below = weight * np.sum(arms[:, good] ** 2, axis=(1, 2)) + ROUNDED
+        late, known, each = np.zeros(len(points)), np.zeros(0, dtype=bool), 0.0
+        if "heading" in simulated.channels:
             known = np.isfinite(measured["heading"][:, 0])
             each = 1.0 / float(self.scale("heading", ("heading",))[0]) ** 2
-            above += each * np.sum(measured["heading"][known, 0][None] - moved["heading"][:, known, 0], axis=1)
-            below += each * known.sum()
-        turn = above / below
+            late = np.sum(measured["heading"][known, 0] - simulated.channels["heading"][:, known, 0], axis=1)
+        turn = np.zeros(len(points))
+        for _ in range(iterations):
+            pull = weight * (np.cos(turn) * across - np.sin(turn) * along) + each * (late - known.sum() * turn)
+            turn += pull / (below + each * known.sum())
         cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-        x, y = (points - centre)[:, :, 0], (points - centre)[:, :, 1]
-        points[:] = np.stack([cos * x - sin * y, sin * x + cos * y], axis=2) + centre + shift
+        moved = {**simulated.channels, "position": np.stack([cos * x - sin * y, sin * x + cos * y], axis=2) + there}
         if "heading" in moved:
-            moved["heading"][:, :, 0] += turn[:, None]
+            moved["heading"] = moved["heading"] + turn[:, None, None]
+        return moved
