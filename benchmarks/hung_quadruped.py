@@ -90,7 +90,7 @@ def _log(robot: mujoco.MjModel, name: str, seconds: float, rng: np.random.Genera
 
 @dataclass(frozen=True)
 class Found:
-    """Held-out error over the noise, CPU s, claims, how many hold, and of stiffnesses half their intervals and errors, in %."""
+    """Held-out error over the noise, CPU s, claims, how many hold; of stiffnesses half their intervals and errors, in %."""
 
     over_noise: float
     cpu: float
