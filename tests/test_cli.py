@@ -166,6 +166,7 @@ def test_an_interrupted_calibration_goes_on_where_it_was(call: Call, monkeypatch
     code, said = call(*CALIBRATE, "--out", "fit")
     assert code == 130
     assert "The same command goes on from there" in said
+    assert not said.endswith("stopped")
     assert [p.name for p in Path("fit").iterdir()] == ["state.json"]
 
     monkeypatch.setattr(Output, "save", save)
@@ -177,6 +178,15 @@ def test_an_interrupted_calibration_goes_on_where_it_was(call: Call, monkeypatch
     whole, resumed = (json.loads(Path(f"{d}/calibration.json").read_text())["parameters"] for d in ("whole", "fit"))
     for one, other in zip(whole, resumed, strict=True):
         assert other["value"] == pytest.approx(one["value"], abs=0.2 * (one["high"] - one["low"]))
+
+
+def test_a_command_that_is_stopped_says_so(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    from trueup.studies.stanley import run as study
+
+    monkeypatch.setattr(study, "_compiled", lambda robot: os.kill(os.getpid(), signal.SIGTERM))
+    code, said = call("demo", "--out", "study")
+    assert code == 130
+    assert said.endswith("stopped")
 
 
 def test_a_state_of_another_problem_is_not_taken_up(call: Call) -> None:

@@ -66,6 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as done:  # argparse has said why
         return done.code if isinstance(done.code, int) else _USAGE
     except KeyboardInterrupt:  # while the command is being loaded
+        print("stopped; nothing had begun", file=sys.stderr)
         return _INTERRUPTED
     args.command_line = given
     if args.command == "completion":
@@ -73,7 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with _ended_as_by_a_key():
             return _run(args)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
+        if not stopped.args:  # a command says why and how to go on, where there is more to say
+            print("stopped", file=sys.stderr)
         return _INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

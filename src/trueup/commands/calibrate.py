@@ -222,7 +222,7 @@ def _going_on(args: argparse.Namespace, output: Output, told: Console) -> Iterat
         then = "goes on from there" if kept else "starts again"
         tell(told, escape(f"stopped; {where}. {same} {then}:\n  {typed(args)}"))
         output.discard()
-        raise
+        raise KeyboardInterrupt("how to go on was said") from None
     except TrueupError:
         output.discard()
         raise

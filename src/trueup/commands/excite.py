@@ -117,7 +117,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         mixed = problem.wish.motion == "mix"  # which ends by a count
         sooner = "A shorter --duration, or one class (--motion fourier)," if mixed else "A smaller --budget"
         told.print(f"stopped; nothing was written. {sooner} ends sooner, with a result")
-        raise
+        raise KeyboardInterrupt("what ends sooner was said") from None
     expected = expectations(
         problem.criterion, outcome.trajectory, problem.feasibility.limits, density, percent=args.percent
     )

@@ -122,7 +122,7 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
             told.print(
                 f"stopped; everything is kept. To go on: trueup resume {escape(str(folder.path))}", soft_wrap=True
             )
-            raise
+            raise KeyboardInterrupt("how to go on was said") from None
     return told_outcome(folder, args, console)
 
 
