@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from trueup.commands.sources import given
-from trueup.errors import MappingError
+from trueup.commands.sources import given, while_driven
+from trueup.errors import MappingError, RecordingError
 from trueup.formats import TimeColumn, read
+from trueup.recording import Channel, Recording
+from trueup.trial import ENABLED
 
 
 def test_a_rate_counts_for_logs_that_are_held_out_too(tmp_path: Path) -> None:
@@ -81,3 +84,17 @@ def test_a_log_of_other_columns_that_is_held_out_is_guessed_and_cut_as_those_tha
     assert held.channel("position").labels == ("a",)
     assert held.stop == pytest.approx(1.1)
     assert "mapping.toml names no column of test.csv: theirs are guessed" in notes
+
+
+def test_each_joint_may_say_whether_its_drive_is_on_and_one_that_never_is_cuts_nothing() -> None:
+    time = 0.1 * np.arange(10.0)
+    joints = ("a", "b", "c")
+    on = np.stack([time > 0.25, time < 0.75, time < 0.0], axis=1).astype(float)
+    told = Channel("command", joints, "rad", time, np.zeros((10, 3)))
+    log = Recording("log", {"command": told, ENABLED: told.replace(name=ENABLED, unit="", values=on)})
+    (kept,), (note,) = while_driven([log])
+    assert kept.channel("command").time == pytest.approx(time[3:8])
+    assert "cut to 0.30 ... 0.70 s" in note
+    off = log.with_channel(log.channel(ENABLED).replace(values=0.0 * on))
+    with pytest.raises(RecordingError, match="its drives are off all the time"):
+        while_driven([off])

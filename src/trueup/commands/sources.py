@@ -175,7 +175,8 @@ def _parted(recording: Recording, share: float) -> tuple[Recording, Recording]:
 
 
 def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings that log whether their drives were on (`torque_enable`), cut to the longest stretch with all on.
+    """Recordings that log whether their drives were on (`torque_enable`), cut to the longest stretch with all on that ever
+    are.
 
     A drive that is off does not follow its command, which a simulator knows nothing of; a log without commands, all drives
     off, stays. With notes on what was cut.
@@ -186,7 +187,8 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
             kept.append(recording)
             continue
         channel = recording.channel(ENABLED)
-        on = np.concatenate([[False], (np.nan_to_num(channel.values) != 0.0).all(axis=1), [False]])
+        each = np.nan_to_num(channel.values) != 0.0
+        on = np.concatenate([[False], each[:, each.any(axis=0)].all(axis=1) & each.any(), [False]])
         edges = np.flatnonzero(np.diff(on.astype(int))).reshape(-1, 2)
         lengths = [channel.time[b - 1] - channel.time[a] for a, b in edges]
         if not lengths:

@@ -192,9 +192,14 @@ RULES = (
     Rule("kd", "kd, kv, d gain, kd gain, position d gain, d coefficient",
          (Example("t,q_1,q_2,Kd_1 [Nms/rad],Kd_2 [Nms/rad]", "0 .1 .1 1 2|.1 .2 .1 1 2|.2 .3 .1 1 2",
                   "position[rad] joint_1 joint_2; kd[N m s/rad] joint_1 joint_2"),), also=("N m s/rad",)),
+    Rule("torque_enable", "torque enable, torque enabled",
+         (Example("t,hip_present_position,hip_goal_position,hip_torque_enable", "0 .1 .1 0|.1 .2 .2 1|.2 .3 .3 1",
+                  "command[rad] hip; position[rad] hip; torque_enable[] hip"),
+          Example("t,goal_position,position,torque_enable", "0 .1 .1 0|.1 .2 .2 1|.2 .3 .3 1",
+                  "command[rad] joint_1; position[rad] joint_1; torque_enable[] torque_enable")), also=("",)),
 )  # fmt: skip
 KINDS: Mapping[str, str] = MappingProxyType({word: rule.kind for rule in RULES for word in rule.names.split(", ")})
 BY_KIND: Mapping[str, Rule] = MappingProxyType({rule.kind: rule for rule in RULES})
 
-SETTINGS = ("kp", "kd")
+SETTINGS = ("kp", "kd", "torque_enable")
 """Kinds that are settings of a drive: no signals, whoever commands them."""
