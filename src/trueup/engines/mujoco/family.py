@@ -74,6 +74,7 @@ from trueup.inspection.unfit import no_lengths
 from trueup.inspection.unfollowed import beside_commands
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
+from trueup.trial import ENABLED
 
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("gravity", compensated), ("overlaps", passable),
@@ -117,8 +118,8 @@ class Articulated(Family):
         return named if no_lengths(ways(model), named) else of_slides(model, with_units(model, named)[0])[0]
 
     def reads(self, recording: Recording) -> Collection[str]:
-        """See Family: settings of servos."""
-        return {word for words in GAINS.values() for word in words}
+        """See Family: settings of servos, and whether they were on."""
+        return {ENABLED, *(word for words in GAINS.values() for word in words)}
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """See Family: positions beyond what the model allows or far beside commands, what turns the other way, units."""
