@@ -15,7 +15,6 @@ from trueup.loop.uncertainty import curvature_inverse
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
 
-_PAIRS = 5  # points looked at, each with its mirror image
 PROBED = 2.5  # standard deviations to either side, within which replays are looked at: 95 % intervals end at two
 ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05
 
@@ -28,13 +27,14 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     Where it leads is what an estimate from that side would be, so these ends scatter as estimates do. And among stairs
     that are higher all around than the bowl foretells, the lowest may be any where the bowl is no deeper than they are.
     """
+    pairs = 5  # points looked at, each with its mirror image
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
-    points = search.around(PROBED, _PAIRS)
+    points = search.around(PROBED, pairs)
     weak = effects(fit) < NO_EFFECT
     points[:, weak] = fit.unit[weak]
     points = np.concatenate([points, 0.5 * (fit.unit + points)])
     residuals = problem.residuals(fit.space.from_unit(points))
-    far, good = np.arange(len(points)) < 2 * _PAIRS, np.isfinite(residuals).all(axis=1)
+    far, good = np.arange(len(points)) < len(points) // 2, np.isfinite(residuals).all(axis=1)
     inverse = curvature_inverse(fit, 2.0 * problem.chance(fit.residual))
     stepped = (robust_weights(residuals, fit.bend) * residuals)[far & good] @ fit.jacobian @ inverse
     ends = np.clip(points[far & good] - stepped, 0.0, 1.0) - fit.unit
