@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import signal
 import time
+import warnings
 from collections.abc import Callable
 from multiprocessing import get_context
 from pathlib import Path
@@ -50,7 +51,7 @@ def run_study(
     robot = chasi.robot(number, seed)
     _compiled(robot)
     say(f"compiled the vehicle, its controller and time warping in {time.perf_counter() - began:.0f} s")
-    with get_context("spawn").Pool(1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as beside:
+    with get_context("spawn").Pool(1, _unheard) as beside:
         # In a process of its own, as the rest mostly takes one core; what ends the rest ends it too.
         asked = {"seed": seed, "evaluations": min(evaluations, 120)}
         others = beside.apply_async(across_courses, (robot,), asked)
@@ -72,6 +73,12 @@ def run_study(
         _errors(robot, paper, story), _driven(robot, story), time.perf_counter() - began,
     )  # fmt: skip
     return study if folder is None else _reported(study, Path(folder), say)
+
+
+def _unheard() -> None:
+    """A process that leaves Ctrl-C to the one that began it, and says nothing of loops that are compiled."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("ignore")
 
 
 def _paper(
