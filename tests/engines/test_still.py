@@ -83,3 +83,30 @@ def test_a_rail_that_nobody_saw_is_named_as_what_the_drives_hang_on(tmp_path: Pa
 def test_what_is_tied_or_sprung_keeps_its_joint(tmp_path: Path, text: str) -> None:
     simulator, _ = _simulator(tmp_path, text)
     assert simulator.compiled.nv == 2
+
+
+_WHEEL = '<joint name="finger" axis="0 1 0" {}/><geom type="{}" size="{}" zaxis="{}" pos="{}"/>'
+_FORK = '<joint name="fork" axis="0 0 1"/><geom size=".01" pos=".05 0 0"/><body pos="-.03 0 -.1">{}</body>'
+_TYRE = ("cylinder", ".05 .01", "0 1 0", "0 .1 0")
+
+
+@pytest.mark.parametrize(
+    ("body", "held"),
+    [
+        (_WHEEL.format("", *_TYRE), set[str]()),
+        (_WHEEL.format("", "sphere", ".05", "1 2 3", "0 0 0"), set[str]()),
+        (_FORK.format(_WHEEL.format("", *_TYRE)), set[str]()),
+        (_WHEEL.format('limited="true" range="-90 90"', *_TYRE), {"finger"}),
+        (_WHEEL.format("", "cylinder", ".05 .01", "1 0 0", "0 0 0"), {"finger"}),
+        (_WHEEL.format("", "cylinder", ".05 .01", "0 1 0", ".02 0 0"), {"finger"}),
+        (_WHEEL.format("", "box", ".05 .01 .05", "0 0 1", "0 0 0"), {"finger"}),
+        (
+            _WHEEL.format("", *_TYRE) + '<body><joint name="ring"/><geom type="box" size=".1 .1 .1"/></body>',
+            {"finger", "ring"},
+        ),
+    ],
+    ids=["a wheel", "a ball", "a caster", "with limits", "across", "beside its axis", "a box", "a column that carries"],
+)
+def test_wheels_and_casters_that_nothing_drives_roll(tmp_path: Path, body: str, held: set[str]) -> None:
+    simulator, _ = _simulator(tmp_path, _ROBOT.format(hand=f'<body pos="0 0 -.3">{body}</body>', more="", keys=""))
+    assert set(simulator.model.still) == held

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.wheels import rolling
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.errors import listed
 from trueup.recording import Recording
@@ -19,13 +20,14 @@ def with_still_joints(model: Model, recordings: Sequence[Recording]) -> Model:
     """The model with those joints held in simulations that the recordings neither name nor the model drives or ties.
 
     The legs of a humanoid whose arms were logged, the fingers of a hand that was not: in truth something holds them.
-    Springs, tendons, closed chains and whatever a sensor looks at keep their joints.
+    Springs, tendons, closed chains and whatever a sensor looks at keep their joints, and so do wheels and casters: those that
+    nothing drives are there to roll.
     """
     compiled = model.compiled
     logged = {label for r in recordings for c in r.channels.values() for label in c.labels}
     if not any(joint in logged for joint in model.scalar_joints()):
         return model
-    tied = _tied(compiled)
+    tied = _tied(compiled) | rolling(compiled)
     still = tuple(
         joint for joint in model.scalar_joints()
         if joint not in logged and joint not in model.actuator_of_joint() and joint_id(compiled, joint) not in tied
