@@ -252,7 +252,7 @@ def _findings(
         "estimates": of_several(as_unasked(told, unasked), several),
         "covariance": _in_units(found, covariance),
         "nuisance": nuisance(owed),
-        "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
+        "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.words())),
         "notes": (*cut, found.ended, *notes, *masses),
         "lacking": lacking.words() if lacking else "",
         "lacked": lacking.lacked(p.name for p in found.space.parameters if not p.frozen) if lacking else None,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.linalg import qr
@@ -61,13 +61,28 @@ def unseen_directions(fit: Fit, covariance: Array, told: Collection[str] = ()) -
     free = [p for p, seen in zip(every, some, strict=True) if seen]
     variances, directions = np.linalg.eigh(covariance[np.ix_(some, some)])
     slopes = fit.space.unit_slope(fit.values)[some]
-    sentences = [_sentence([p], np.ones(1), np.ones(1)) for p, left in zip(every, here & ~some, strict=True) if left]
+    sentences, alone = list[str](), [p for p, left in zip(every, here & ~some, strict=True) if left]
     unseen = directions[:, [vague(max(variance, 0.0) ** 0.5) for variance in variances]]
     for direction in _apart(unseen).T:
         chief = np.flatnonzero(np.abs(direction) > 0.35 * np.abs(direction).max())
         chief = chief[np.argsort(-np.abs(direction[chief]))][:4]
-        sentences.append(_sentence([free[i] for i in chief], direction[chief], slopes[chief]))
-    return list(dict.fromkeys(sentences))
+        if len(chief) == 1:
+            alone.append(free[chief[0]])
+        else:
+            sentences.append(_sentence([free[i] for i in chief], direction[chief], slopes[chief]))
+    return [*_unseen_alone(alone), *dict.fromkeys(sentences)]
+
+
+def _unseen_alone(parameters: Sequence[Parameter]) -> list[str]:
+    """What is unseen by itself, in a sentence for each motion that would tell it: joints of many drives fill pages else."""
+    by_motion: dict[str, dict[str, None]] = {}
+    for p in parameters:
+        by_motion.setdefault(p.shown_by, {})[p.name] = None
+    return [
+        f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} not seen by these recordings."
+        f"{motion and f' {motion.capitalize()} would tell.'}"
+        for motion, names in by_motion.items()
+    ]
 
 
 def _apart(directions: Array) -> Array:
@@ -82,8 +97,6 @@ def _apart(directions: Array) -> Array:
 
 def _sentence(parameters: list[Parameter], direction: Array, slopes: Array) -> str:
     advice = next((f" {p.shown_by} would tell." for p in parameters if p.shown_by), "")
-    if len(parameters) == 1:
-        return f"{parameters[0].name} is not seen by these recordings.{advice and ' ' + advice.strip().capitalize()}"
     names = [p.name for p in parameters]
     if len(parameters) == 2:
         a, b = parameters

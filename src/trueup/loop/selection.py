@@ -41,6 +41,13 @@ class Choice:
     vague: tuple[str, ...] = ()
     """Kept because left-out recordings are replayed better with them, though their intervals are wide."""
 
+    def words(self) -> tuple[str, ...]:
+        """The sentences, where each is of one parameter, with all those in one of which the same is said."""
+        said: dict[str, list[str]] = {}
+        for name, note in zip(self.freeze, self.notes, strict=True):
+            said.setdefault(note.removeprefix(name), []).append(name)
+        return tuple(f"{', '.join(names)}{note}" for note, names in said.items())
+
 
 def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choice]:
     """What the recordings cannot tell, and what they do not need, tried in the order of least to lose.
@@ -120,7 +127,7 @@ def proof(problem: Problem, fit: Fit) -> float:
 def kept_notes(parameters: Sequence[Parameter]) -> tuple[str, ...]:
     """What is said of parameters that stay as they were, a sentence each."""
     said = {p.name: f"kept at {p.nominal:.4g} {p.unit}" if p.unidentified is None else "left out" for p in parameters}
-    return tuple(f"{name} {how}: these recordings cannot tell it" for name, how in said.items())
+    return tuple(f"{name} {how}: told by none of these recordings" for name, how in said.items())
 
 
 def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
