@@ -52,6 +52,12 @@ def test_torques_that_are_zero_all_along_are_left_out_beside_speeds_that_are_not
     assert "does not name gains (log)" in notes[1]
 
 
+def test_only_speeds_are_said_to_be_zero_where_torques_are_not() -> None:
+    _, notes = with_feedforward([log(command_torque=("N m", HELP), command_velocity=("rad/s", 0.0 * TIME))])
+    assert "torque, is taken as positions moved" in notes[0]
+    assert notes[1] == "speeds commanded beside positions are zero all along (log): they are left out"
+
+
 @pytest.mark.parametrize("measured", [False, True])
 def test_torques_that_are_all_that_acts_stay_a_command_of_their_own(measured: bool) -> None:
     """A controller on the computer that logs what its gains make of positions."""

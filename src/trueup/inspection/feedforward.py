@@ -22,7 +22,8 @@ _UNITS = {"torque": "N m", "velocity": "rad/s"}
 _SAID = {
     "moved": "speeds or torques were commanded beside positions, with gains that the log names ({}): what drives were told, "
     "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
-    "idle": "torques or speeds commanded beside positions are zero all along ({}): the positions drive the robot",
+    "idle torque": "torques commanded beside positions are zero all along ({}): they are left out",
+    "idle velocity": "speeds commanded beside positions are zero all along ({}): they are left out",
     "unused": "torques or speeds were commanded beside positions, and the log does not name gains ({}): whether drives add "
     "them is not known. Of speeds it is asked whether the recordings want them (`lead`); torques are left out: if drives add "
     "these, name kp and kd (N m/rad, N m s/rad), in a column for each joint",
@@ -44,9 +45,9 @@ def with_feedforward(recordings: Sequence[Recording]) -> tuple[list[Recording], 
         unused = not setting(recording, "kp") and any(
             kind == "torque" or _is_added(kind, c, recording.channel(name)) for kind, c in asked.items()
         )
-        for key, holds in (("moved", changed is not None), ("idle", len(asked) < len(parts)), ("unused", unused)):
-            if holds:
-                said[key].append(recording.name)
+        idle = [f"idle {kind}" for kind in parts if kind not in asked]
+        for key in (*(["moved"] if changed is not None else []), *idle, *(["unused"] if unused else [])):
+            said[key].append(recording.name)
         result[i] = recording if changed is None else recording.with_channel(changed)
         for kind, channel in parts.items():
             if changed is not None or kind not in asked:
