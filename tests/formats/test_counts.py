@@ -42,3 +42,16 @@ def test_counts_of_few_bits_are_left_to_the_user_with_what_they_may_be(tmp_path:
     scale, offset = (float(x) for x in re.findall(r"scale = ([\d.]+), offset = (-[\d.]+) for 1023 in 300", said)[0])
     assert scale * 512 + offset == pytest.approx(0.0, abs=0.01)
     assert scale * 1023 == pytest.approx(300.0, abs=0.01)
+
+
+@pytest.mark.parametrize("count", [0.229 * 2 * np.pi / 60, 2 * np.pi / 4096])
+def test_whole_speeds_beside_counts_are_those_of_the_servo_that_says_them(tmp_path: Path, count: float) -> None:
+    time = 0.02 * np.arange(300)
+    positions = np.round(700.0 * np.sin(3.0 * time) + 2048)
+    speeds = np.round(700.0 * 3.0 * np.cos(3.0 * time) * 2 * np.pi / 4096 / count)
+    rows = [f"{t:g},{int(p)},{int(v)}\n" for t, p, v in zip(time, positions, speeds, strict=True)]
+    (tmp_path / "servo.csv").write_text("t,hip.present_position,hip.present_velocity\n" + "".join(rows))
+    (recording,) = read(tmp_path / "servo.csv")
+    assert recording.channel("velocity").unit == "rad/s"
+    np.testing.assert_allclose(recording.channel("velocity").values[:, 0], speeds * count, rtol=1e-9)
+    assert "counts of servos, of " in recording.provenance["guesses"]

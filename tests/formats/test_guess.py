@@ -197,7 +197,7 @@ def test_units_that_nobody_says_are_told_by_what_goes_with_what(
 ) -> None:
     mapping = swing(tmp_path, names, *factors)
     assert {name: mapping.channels[name].unit for name in units} == units
-    assert ("velocity: unit unknown; it is 200 times" in " ".join(mapping.notes)) == ("" in units.values())
+    assert ("velocity: unit unknown (it is 200 times" in " ".join(mapping.notes)) == ("" in units.values())
 
 
 def test_a_column_named_as_its_command_is_its_position_unless_it_alone_moves_against_it(tmp_path: Path) -> None:
@@ -230,6 +230,16 @@ def test_labels_that_differ_by_words_of_any_drive_are_those_of_the_positions(tmp
     mapping = guess(tmp_path, names)
     assert mapping.channels["command"].labels == mapping.channels["position"].labels
     assert any("joint_0, joint_1 taken as robot0_joint_0, robot0_joint_1" in note for note in mapping.notes)
+
+
+def test_what_is_taken_for_the_positions_labels_alike_is_said_once(tmp_path: Path) -> None:
+    """A quadruped's twelve drives log six channels each."""
+    kinds = ("motor_state[{}].q", "motor_cmd[{}].q", "motor_cmd[{}].dq", "motor_cmd[{}].tau")
+    mapping = guess(tmp_path, "t," + ",".join(kind.format(i) for kind in kinds for i in range(2)))
+    said = [note for note in mapping.notes if "tells them apart" in note]
+    assert said == [
+        "command, command_torque, command_velocity: motor_0, motor_1 taken as joint_0, joint_1, by what tells them apart"
+    ]
 
 
 def test_the_left_leg_is_not_taken_for_the_right_one(tmp_path: Path) -> None:

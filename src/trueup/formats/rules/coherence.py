@@ -270,7 +270,7 @@ def with_common_labels(groups: dict[str, list[Proposal]]) -> tuple[dict[str, lis
     Torque_A1, Torque_A2 beside AxisPos_A1, AxisPos_A2; the other words must tell them apart.
     """
     positions = _told_apart([p.label for p in groups.get("position", ())])
-    result, notes = dict(groups), []
+    result, taken = dict(groups), dict[str, list[str]]()
     for name, group in groups.items():
         labels = _told_apart([p.label for p in group])
         role = name.removeprefix("command_sent").removeprefix("command").removeprefix("_") or "position"
@@ -278,10 +278,9 @@ def with_common_labels(groups: dict[str, list[Proposal]]) -> tuple[dict[str, lis
         if role in joints.BY_KIND and labels and different and set(labels) == set(positions):
             by_label = {label: positions[rest] for rest, label in labels.items()}
             result[name] = [replace(p, label=by_label[p.label]) for p in group]
-            notes.append(
-                f"{name}: {listing(by_label, 6)} taken as {listing(by_label.values(), 6)}, by what tells them apart"
-            )
-    return result, notes
+            said = f"{listing(by_label, 6)} taken as {listing(by_label.values(), 6)}, by what tells them apart"
+            taken.setdefault(said, []).append(name)
+    return result, [f"{', '.join(names)}: {said}" for said, names in taken.items()]
 
 
 def _told_apart(labels: Sequence[str]) -> dict[str, str]:

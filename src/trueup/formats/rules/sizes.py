@@ -20,6 +20,8 @@ from trueup.units import AS_FAR, hardly_radians, numbers_of, size_of, to_si
 
 _TURN = 4096
 """Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""
+_SPEED_COUNTS = {"rpm": 0.229, "rad/s": math.tau / _TURN}
+"""One count of the speed that Dynamixel X servos say, and the speed of one count a second, as Feetech STS say it."""
 _TICKS = frozenset(["counts", "ticks"])
 _POSITIONS = ("position", "command", "command_sent")
 _ANGLES = ("rad", "deg", "rev")
@@ -158,8 +160,8 @@ class Sizes:
                 self.notes.append(
                     f"{name}: taken as {unit}, {why}the rate of the positions; say so if it is anything else"
                 )
-            else:
-                self.notes.append(f"{name}: unit unknown; it is {per_si:.3g} times the rate of the positions in rad/s")
+            elif not self._counted_speed(name, per_si):
+                self.notes.append(f"{name}: unit unknown (it is {per_si:.3g} times the rate of the positions in rad/s)")
         elif name == "torque" and all(_counted(column) for column in self.groups[name]):
             largest = max(column.largest for column in self.groups[name])
             self.notes.append(
@@ -171,6 +173,18 @@ class Sizes:
             self.notes.append(f"{name}: taken as {usual}; say so if it is anything else")
         else:
             self.notes.append(f"{name}: unit unknown")
+
+    def _counted_speed(self, name: str, per_si: float) -> bool:
+        """Whether speeds are whole numbers that go with the rate of positions as those of a known servo do; takes them so."""
+        counts = {unit: numbers_of(unit) / size for unit, size in _SPEED_COUNTS.items()}
+        unit = nearest(per_si, counts) if all(_counted(column) for column in self.groups[name]) else ""
+        if unit:
+            self.channels[name] = replace(self.channels[name], unit=unit, scale=(_SPEED_COUNTS[unit],))
+            self.notes.append(
+                f"{name}: taken as counts of servos, of {_SPEED_COUNTS[unit]:.4g} {unit} each ({per_si:.3g} times the rate "
+                "of the positions in rad/s); say so if it is anything else"
+            )
+        return bool(unit)
 
     def _common(self, name: str, other: str, *, derive: bool) -> float | None:
         """How many times the other channel (or its rate) one is: the median over their joints; None where few agree."""
