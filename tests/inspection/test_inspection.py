@@ -157,6 +157,12 @@ def test_large_angles_are_suspected_to_be_degrees() -> None:
     assert 'unit = "deg"' in sentence
 
 
+@pytest.mark.parametrize(("joint", "suspected"), [("left_wheel", False), ("left_hip", True)])
+def test_wheels_may_turn_on_and_on(joint: str, suspected: bool) -> None:
+    log = recording(channel("position", noisy(np.linspace(0.0, 30.0, len(TIME))))).rename({"a": joint})
+    assert any("degrees suspected" in sentence for sentence in inspect(log).suspicions) == suspected
+
+
 def test_whole_numbers_are_suspected_to_be_counts() -> None:
     counts = recording(channel("position", np.round(200.0 * angle() + 512.0), unit=""))
     (sentence,) = (x for x in inspect(counts).suspicions if "suspected" in x)
